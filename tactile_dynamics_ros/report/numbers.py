@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -39,6 +40,10 @@ def parameter_rows(
     A star marks what the motion leaves open.
     """
     rows = _body_rows(estimate, truth)
+    if estimate.event is not None and estimate.event.body is not None and truth is None:
+        event, body = estimate.event, estimate.event.body
+        after = replace(estimate, inertia=body, covariance=event.covariance, event=None)
+        rows += [(f"after {row[0]}", *row[1:]) for row in _body_rows(after, None)]
     for name, effect in estimate.effects.items():
         for key, value in effect.value.items():
             cells = with_uncertainty(value, effect.std[key])

@@ -63,9 +63,9 @@ class Refitter:
             BadInputError: an effect is unknown or named twice.
         """
         self.model.set_effects(effects)
-        if effects and self._background is None:
-            self._background = Background()
         self._rest_until = 0.0
+        if effects:
+            self._begin()
 
     def advance(self) -> LiveEstimate | None:
         """Do what is due; return the newest fit of the present model, None before the first."""
@@ -78,11 +78,17 @@ class Refitter:
             except TactileDynamicsError as error:
                 self._faults.add("not_fitted", str(error))
         due = self._running is None and now >= self._rest_until and self.model.is_due
-        if due and self._background is not None:
+        if due:
             streams, effects = self.model.begin()
             self._started = now
-            self._running = effects, self._background.submit(fit_live, streams, effects)
+            self._running = effects, self._begin().submit(fit_live, streams, effects)
         return self.model.newest_fit
+
+    def _begin(self) -> Background:
+        """The process of the fits, started when it is first needed."""
+        if self._background is None:
+            self._background = Background()
+        return self._background
 
     def close(self) -> None:
         """End what runs."""

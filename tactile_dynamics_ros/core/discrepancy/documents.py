@@ -48,6 +48,7 @@ def diagnosis_document(diagnosis: Diagnosis) -> Document:
         "verdict": diagnosis.verdict,
         "effect": diagnosis.effect,
         "regime": diagnosis.regime.to_json() if diagnosis.regime else None,
+        "event": diagnosis.regime.event_json() if diagnosis.regime else None,
         "group": list(diagnosis.group),
         "separating_motion": diagnosis.separating_motion,
         "candidates": [] if diagnosis.convention else _candidates(diagnosis),
@@ -84,6 +85,7 @@ def explanation_document(explanation: Explanation) -> Document:
         },
         "parameters": explanation.model.parameters(),
         "regimes": {name: one.to_json() for name, one in explanation.regimes.items()},
+        "event": next((one.event_json() for one in explanation.regimes.values() if one.event), None),
         "groups": {step.name: list(step.group) for step in explanation.steps if step.group},
         "unexplained": signature.to_json() if signature else None,
         "convention": _convention(read[0] if read else None),
@@ -187,7 +189,8 @@ def _verdict_sentence(diagnosis: Diagnosis) -> str:
     )
     share = explained_share(diagnosis.before.rms, diagnosis.after.rms, diagnosis.floor)
     text = f"{named} explains {write_percent(share)} of the excess error"
-    if diagnosis.regime and diagnosis.signature is None and len(diagnosis.steps) == 1:
+    alone = diagnosis.signature is None and len(diagnosis.steps) == 1
+    if diagnosis.regime and alone and not diagnosis.regime.event:
         text += f"; {diagnosis.regime.elsewhere} nothing is missing"
     if len(diagnosis.steps) > 1:
         others = [step.name for step in diagnosis.steps[1:]]

@@ -39,6 +39,7 @@ class Effect(ABC):
             that are late show it late.
         delays: whether it makes sensors late; `delayed` says how.
         linear: whether it is linear in theta, with columns that the load does not change.
+        event: whether it is something that changes at one time: it acts from a time on only.
         per_session: whether each of several recordings has its own parameters.
         reading: which reading of the name this instance is; empty for the default.
     """
@@ -54,6 +55,7 @@ class Effect(ABC):
     external: ClassVar[bool] = True
     delays: ClassVar[bool] = False
     linear: ClassVar[bool] = False
+    event: ClassVar[bool] = False
     per_session: ClassVar[bool] = False
     reading: str = ""
 
@@ -171,6 +173,15 @@ class Effect(ABC):
             theta: (k,) parameters.
         """
         return _NO_LOAD
+
+    def load_after(self, inertia: Array, theta: Array) -> Array | None:
+        """Dynamic parameters (10,) of the load after an event; None for what does not change it.
+
+        Args:
+            inertia: (10,) dynamic parameters of the load before.
+            theta: (k,) parameters.
+        """
+        return None
 
     def unseen_gain(self, samples: WrenchSamples, theta: Array, std: Array) -> float:
         """Standard deviation of a gain common to all sensors, which no data show; 0 for none.

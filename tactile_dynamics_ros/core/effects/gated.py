@@ -16,7 +16,10 @@ from tactile_dynamics_ros.core.numerics.regime import Regime
 
 Array = NDArray[np.float64]
 
-_COPIED = ("family", "formula", "looks_like", "remedy", "sentence", "rings", "lasting", "external")
+_COPIED = (
+    *("family", "formula", "looks_like", "remedy", "sentence"),
+    *("rings", "lasting", "external", "event"),
+)
 """What an effect in a regime says of itself as the effect does that acts everywhere. What is left
 out has the value of `Effect`."""
 
@@ -97,6 +100,10 @@ class GatedEffect(Effect):
     ) -> Array:
         """That of the inner effect."""
         return self.inner.initial_guess(samples, inertia, coefficients, residual)
+
+    def load_after(self, inertia: Array, theta: Array) -> Array | None:
+        """That of the inner effect."""
+        return self.inner.load_after(inertia, theta)
 
     def is_possible(self, samples: WrenchSamples, inertia: Array, theta: Array) -> bool:
         """Whether the inner effect can exist."""

@@ -36,6 +36,9 @@ EFFECT_NAMES = (
     "sensor_rotation",
     "sensor_lag",
     "time_offset",
+    "sensor_zeroed",
+    "payload_change",
+    "grasp_shift",
 )
 """Names of the effects of a held object in the order in which people see them; they are API."""
 
@@ -166,7 +169,10 @@ def _is_ours(effect: object) -> bool:
     return str(getattr(effect, "__module__", "")).startswith(_PACKAGE)
 
 
-_KINDS = ("drag", "elastic", "internal", "gravity", "contact", "torsion", "sensor", "timing")
+_KINDS = (
+    *("drag", "elastic", "internal", "gravity", "contact", "torsion", "sensor", "timing"),
+    "events",
+)
 """Modules of `held`, one for each kind of effect. Effects of a module that is not named here do not
 exist for anybody."""
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.effects.sensor_zero import with_zero
 from tactile_dynamics_ros.core.inertia.batch.batch import fit_body
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
 from tactile_dynamics_ros.core.inertia.batch.pose_noise_bias import widen_by_pose_noise
@@ -36,7 +37,8 @@ def estimate(
     """Estimate mass, centre of mass and inertia of a held object, and the parameters of effects.
 
     A body alone is corrected by lasting errors of its sensors; beside effects, which may be those,
-    it is not. Effects that are named without a reading get the one with the best evidence.
+    it is not. Effects that are named without a reading get the one with the best evidence. The zero
+    of a single sensor (`force_bias`) is always estimated too.
 
     Args:
         recording: streams, or what has them.
@@ -52,7 +54,7 @@ def estimate(
         NotIdentifiableError: the iteration diverged.
     """
     streams = recording if isinstance(recording, Streams) else recording.streams
-    if effects:
+    if with_zero(streams.contacts, effects):
         model = widen_by_pose_noise(fit_with_readings(streams, effects), streams)
     else:
         model = fit_body(streams)

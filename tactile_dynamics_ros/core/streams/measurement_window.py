@@ -104,6 +104,11 @@ class MeasurementWindow:
         self.clear()
 
     @property
+    def contacts(self) -> tuple[str, ...]:
+        """Names of the contacts that were heard."""
+        return tuple(self._contacts)
+
+    @property
     def newest(self) -> float:
         """Stamp until which the object was held, s; minus infinity where it was not."""
         return min(self._poses.newest, self._touched)

@@ -46,6 +46,7 @@ class Family:
         effect: name of the effect of the catalogue that a term of the library is; empty for none.
         regional: whether the effect may act in a regime only: the model then knows its families
             under the names ``name[regime]``.
+        event: whether it is something that changes at one time, and so acts from a time on only.
     """
 
     name: str
@@ -61,6 +62,7 @@ class Family:
     frame: str = ""
     effect: str = ""
     regional: bool = False
+    event: bool = False
 
 
 @dataclass(frozen=True)

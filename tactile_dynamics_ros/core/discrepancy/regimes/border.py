@@ -60,7 +60,8 @@ def find_border(
 
     With coefficients c inside, an instant is inside if |r - U c|^2 < |r|^2; the best interval of
     the sorted condition is that with the largest sum of the difference (as for a change of the
-    mean). None where no border is left: the family acts everywhere, or nowhere.
+    mean); that of an event has no upper end. None where no border is left: the family acts
+    everywhere, or nowhere.
 
     Args:
         sums: of the model that lacks the family.
@@ -79,7 +80,7 @@ def find_border(
     gain = np.zeros(len(values))
     for _ in range(_ROUNDS):
         gain = _gains(sums, family, inside)[order] / floor**2
-        ends = _best_interval(gain)
+        ends = _best_start(gain) if family.event else _best_interval(gain)
         now = np.zeros(len(values), dtype=bool)
         now[order[slice(*ends)]] = True
         if np.array_equal(now, inside):
@@ -143,14 +144,20 @@ def _gains(sums: CellSums, family: Family, inside: NDArray[np.bool_]) -> Array:
     return np.asarray((left**2 - (left - acts) ** 2).reshape(-1, channels).sum(axis=1))
 
 
+def _best_start(gain: Array) -> tuple[int, int]:
+    """First and past-last place of the best interval that has no upper end."""
+    total = np.concatenate([[0.0], np.cumsum(gain)])
+    least = max(1, int(_LEAST * len(gain)))
+    return least + int(np.argmin(total[least : len(gain) - least + 1])), len(gain)
+
+
 def _best_interval(gain: Array) -> tuple[int, int]:
     """First and past-last place of the best interval; one-sided unless a second end pays."""
     total = np.concatenate([[0.0], np.cumsum(gain)])
     count = len(gain)
     least = max(1, int(_LEAST * count))
-    inner = slice(least, count - least + 1)
-    below = least + int(np.argmax(total[inner]))
-    above = least + int(np.argmin(total[inner]))
+    below = least + int(np.argmax(total[least : count - least + 1]))
+    above = _best_start(gain)[0]
     lowest = np.minimum.accumulate(total)
     reach = total[least:] - lowest[: len(total) - least]
     stop = least + int(np.argmax(reach))

@@ -27,12 +27,21 @@ class RegimeFinding:
         gate: the bounds.
         std: of the bounds, in the unit of the condition; NaN where the data do not tell.
         share: of the time.
+        event: name of the effect, where it is something that changes at one time; else empty.
     """
 
     condition: Condition
     gate: Gate
     std: float
     share: float
+    event: str = ""
+
+    def event_json(self) -> dict[str, Any] | None:
+        """Part `event` of the documents; None where nothing changes at one time."""
+        if not self.event:
+            return None
+        std = self.std if math.isfinite(self.std) else None
+        return {"name": self.event, "t": self.gate.low, "std": std}
 
     def to_json(self) -> dict[str, Any]:
         """Part `regime` of the documents; an open end is None."""
@@ -65,6 +74,8 @@ class RegimeFinding:
         """``below z = 0.420 ± 0.010 m``."""
         symbol, unit = self.gate.symbol, f" {self.condition.unit}".rstrip()
         low, high = (self._written(end) for end in (self.gate.low, self.gate.high))
+        if self.event:
+            return f"at {symbol} = {low}{unit}"
         if math.isinf(self.gate.low):
             return f"below {symbol} = {high}{unit}"
         if math.isinf(self.gate.high):
@@ -101,4 +112,5 @@ def regime_of(model: ResidualModel, name: str) -> RegimeFinding | None:
     label = best.family.label.replace(f"[{regime}]", "")
     border = find_border_of(bare, plain, label, condition, gate, floor)
     std = border.std if border is not None else math.nan
-    return RegimeFinding(condition, gate, std, float(inside.mean()))
+    event = plain if best.family.event else ""
+    return RegimeFinding(condition, gate, std, float(inside.mean()), event)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.discrepancy.model.residual_model import Condition
+from tactile_dynamics_ros.core.discrepancy.model.residual_model import Condition, Family
 from tactile_dynamics_ros.core.numerics.regime import Gate
 
 Array = NDArray[np.float64]
@@ -34,11 +34,21 @@ class Gates:
         gates: G of them.
         inside: (G, W) 1 for cells inside, else 0.
         of_condition: index of the condition of each gate.
+        starts: (G,) whether a gate is open from a time on, as for what changes at that time.
     """
 
     gates: tuple[Gate, ...]
     inside: Array
     of_condition: NDArray[np.int64]
+    starts: NDArray[np.bool_]
+
+    def tried(self, family: Family) -> NDArray[np.bool_]:
+        """(G,) gates that a family is tried behind: an event begins at a time and does not end."""
+        return self.starts if family.event else np.ones(len(self.gates), dtype=bool)
+
+    def count(self, family: Family) -> int:
+        """Number of gates that a family is tried behind."""
+        return int(np.sum(self.tried(family)))
 
 
 def gates_to_try(conditions: Sequence[Condition], cells: Sequence[slice]) -> Gates:
@@ -62,7 +72,9 @@ def gates_to_try(conditions: Sequence[Condition], cells: Sequence[slice]) -> Gat
                 inside.append(held)
                 owner.append(index)
     shape = (len(gates), len(cells))
-    return Gates(tuple(gates), np.reshape(inside, shape).astype(float), np.array(owner, dtype=int))
+    starts = np.array([gate.symbol == _CLOCK and math.isinf(gate.high) for gate in gates])
+    within = np.reshape(inside, shape).astype(float)
+    return Gates(tuple(gates), within, np.array(owner, dtype=int), starts)
 
 
 def _gates_of(symbol: str, means: Array) -> list[Gate]:

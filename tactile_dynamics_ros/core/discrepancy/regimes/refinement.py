@@ -60,5 +60,5 @@ def _moved(gate: Gate, value: float, upper: bool) -> Gate:
 def _gain(model: ResidualModel, name: str, label: str, gate: Gate) -> float:
     """Fall of the squared residual with a reading of an effect behind a gate."""
     wanted = label.replace(name, f"{name}[{gate}]", 1)
-    families = model.families([f"{name}[{gate}]"])
-    return max(s.gain for s in screen(model, [f for f in families if f.label == wanted]))
+    families = [f for f in model.families([f"{name}[{gate}]"]) if f.label == wanted]
+    return max((score.gain for score in screen(model, families)), default=0.0)

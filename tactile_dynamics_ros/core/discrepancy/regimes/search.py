@@ -66,10 +66,19 @@ class RegimeSearch:
     floor: float
 
     @classmethod
-    def of(cls, model: ResidualModel, floor: float) -> RegimeSearch | None:
-        """Prepare the search; None where the model offers no condition or no effect."""
-        everywhere = tuple(model.families())
-        families = tuple(family for family in everywhere if _is_tried(family))
+    def of(
+        cls, model: ResidualModel, floor: float, names: Sequence[str] | None = None
+    ) -> RegimeSearch | None:
+        """Prepare the search; None where the model offers no condition or no effect.
+
+        Args:
+            model: fitted.
+            floor: white RMS of the noise alone.
+            names: of the effects to be tried; all that the model lacks by default.
+        """
+        found = tuple(model.families(names))
+        families = tuple(family for family in found if _is_tried(family))
+        everywhere = tuple(family for family in found if not family.event)
         conditions = model.conditions() if families else ()
         if not conditions:
             return None
@@ -94,10 +103,11 @@ class RegimeSearch:
         for family in self.families if families is None else families:
             columns = self.sums.columns(family)
             gain = self.sums.fit(columns, self.gates.inside, cells).gain
-            searched = family.choices * len(self.gates.gates)
-            price = len(family.kept) * float(np.log(rows)) + 2.0 * float(np.log(searched))
-            for condition in np.unique(self.gates.of_condition):
-                of_it = np.flatnonzero(self.gates.of_condition == condition)
+            tried = self.gates.tried(family)
+            searched = family.choices * self.gates.count(family)
+            price = len(family.kept) * float(np.log(rows)) + 2.0 * float(np.log(max(searched, 1)))
+            for condition in np.unique(self.gates.of_condition[tried]):
+                of_it = np.flatnonzero(tried & (self.gates.of_condition == condition))
                 best = int(of_it[np.argmax(gain[of_it])])
                 criterion = price - float(gain[best]) / self.floor**2
                 found.append(Candidate(family, self.gates.gates[best], criterion, searched))

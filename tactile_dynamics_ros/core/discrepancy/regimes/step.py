@@ -165,9 +165,10 @@ def _scores(
             refined[symbol] = border.gate
         gates.append((one, refined.get(symbol, border.gate)))
     names = [f"{one.family.name}[{gate}]" for one, gate in gates]
-    searched = len(search.gates.gates)
     families = model.families(list(dict.fromkeys(names)))
-    priced = [replace(family, choices=family.choices * searched) for family in families]
+    priced = [
+        replace(family, choices=family.choices * search.gates.count(family)) for family in families
+    ]
     return screen(model, priced, search.floor)
 
 

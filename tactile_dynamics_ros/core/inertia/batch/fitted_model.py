@@ -11,11 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W, WrenchSamples
+from tactile_dynamics_ros.core.contract import central_differences
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Misfit
 from tactile_dynamics_ros.core.effects.present import PresentEffects
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import (
     EffectEstimate,
     InertialEstimate,
+    LoadEvent,
     ModelError,
 )
 from tactile_dynamics_ros.core.inertia.batch.prior import LogCholeskyPrior
@@ -35,6 +37,7 @@ from tactile_dynamics_ros.core.inertia.residuals.systematic import (
     systematic_basis,
     systematic_lever,
 )
+from tactile_dynamics_ros.core.numerics.regime import split_label
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     InertialParameters,
     dynamic_parameters_from_log_cholesky,
@@ -45,6 +48,10 @@ if TYPE_CHECKING:
     from tactile_dynamics_ros.core.effects.effect import Effect
 
 Array = NDArray[np.float64]
+
+_STEP = 1e-4
+"""Step of central differences of the load after an event, in shares of each parameter: products of
+three of them, so that the error is 1e-8. Larger bends, smaller rounds."""
 
 
 @dataclass(frozen=True)
@@ -109,6 +116,7 @@ class FittedModel:
         corrected: the presumed lasting errors by which xi is corrected; None where it is not.
         survey: survey of all stretches where only some were fitted.
         restated: seen over stated noise of the streams whose own scatter was used.
+        event_std: s, of the time of an event that was looked for; None where there is none.
         noise_bias: (10 + k,) by how much noise of the poses may have moved [phi, theta]; None where
             it cannot, see `pose_noise_bias`.
     """
@@ -124,6 +132,7 @@ class FittedModel:
     corrected: PresumedErrors | None = None
     survey: Survey | None = None
     restated: dict[str, float] = field(default_factory=dict)
+    event_std: float | None = None
     noise_bias: Array | None = None
 
     @property
@@ -317,7 +326,32 @@ class FittedModel:
             duration=float(times[-1][-1] - times[0][0]),
             converged=self.converged,
             lasting=self.lasting_covariance[:10, :10],
+            event=self._load_event(covariance),
         )
+
+    def _load_event(self, covariance: Array) -> LoadEvent | None:
+        """The first event of the model, with the load after it."""
+        first = 10
+        for effect, theta in zip(self.effects, self.theta, strict=True):
+            rows = [*range(10), *range(first, first + len(theta))]
+            first += len(theta)
+            plain, regime = split_label(effect.name)
+            if not effect.event or regime is None:
+                continue
+            load = effect.load_after(self.phi, theta)
+            if load is None:
+                return LoadEvent(plain, regime.gates[0].low, self.event_std, None, np.zeros((0, 0)))
+            both = np.concatenate([self.phi, theta])
+
+            def after(at: Array, effect: Effect = effect) -> Array:
+                changed = effect.load_after(at[:10], at[10:])
+                assert changed is not None
+                return changed
+
+            change = central_differences(after, both, _STEP * np.maximum(np.abs(both), _STEP))
+            spread = change @ covariance[np.ix_(rows, rows)] @ change.T
+            return LoadEvent(plain, regime.gates[0].low, self.event_std, load, spread)
+        return None
 
     def _effect_estimates(self, covariance: Array) -> dict[str, EffectEstimate]:
         estimates, first = {}, 0

@@ -70,6 +70,61 @@ class ModelError:
 
 
 @dataclass(frozen=True)
+class LoadEvent:
+    """Something that changed at one time, and the load after it.
+
+    Attributes:
+        name: of the effect, without its time.
+        time: s from the start of the recording.
+        std: of the time, s; None where it was given.
+        load: dynamic parameters (10,) after it; None where the load stays.
+        covariance: (10, 10) of them.
+    """
+
+    name: str
+    time: float
+    std: float | None
+    load: Array | None
+    covariance: Array
+
+    @property
+    def body(self) -> InertialParameters | None:
+        """The body after it."""
+        return None if self.load is None else InertialParameters.from_dynamic_parameters(self.load)
+
+    @property
+    def parameter_std(self) -> Array:
+        """(10,) standard deviations in the order of PARAMETER_NAMES."""
+        assert self.load is not None
+        return _parameter_std(self.load, self.covariance)
+
+    def to_json(self) -> dict[str, Any]:
+        """{"name", "t", "std", "after"}; the body after it is None where it stays."""
+        entry: dict[str, Any] = {"name": self.name, "t": self.time, "std": self.std, "after": None}
+        if self.body is not None:
+            entry["after"] = _body_json(self.body, self.parameter_std)
+        return entry
+
+
+def _parameter_std(phi: Array, covariance: Array) -> Array:
+    """(10,) of mass, centre of mass and inertia about it, from the covariance of phi."""
+    jacobian = com_inertia_jacobian(phi)
+    return np.sqrt(np.maximum(np.diag(jacobian @ covariance @ jacobian.T), 0.0))
+
+
+def _body_json(body: InertialParameters, std: Array) -> dict[str, Any]:
+    """Mass, centre of mass and inertia about it, each with its standard deviation."""
+    return {
+        "mass": {"value": body.mass, "std": float(std[0])},
+        "com": {"value": body.com.tolist(), "std": std[1:4].tolist()},
+        "inertia_com": {
+            "value": body.inertia_com.tolist(),
+            "std": inertia_matrix(std[4:]).tolist(),
+        },
+    }
+
+
+@dataclass(frozen=True)
 class InertialEstimate:
     """Mass, centre of mass and inertia of the held object with their uncertainty.
 
@@ -84,6 +139,7 @@ class InertialEstimate:
         converged: whether the iteration converged.
         lasting: (10, 10) part of the covariance that lasting errors of the sensors make, such as
             their gains; None where it is not known by itself.
+        event: what changed at one time, with the load after it; None where nothing did.
     """
 
     inertia: InertialParameters
@@ -95,6 +151,7 @@ class InertialEstimate:
     duration: float
     converged: bool
     lasting: Array | None = field(default=None, kw_only=True)
+    event: LoadEvent | None = field(default=None, kw_only=True)
 
     @property
     def parameter_covariance(self) -> Array:
@@ -109,23 +166,18 @@ class InertialEstimate:
 
     def to_json(self) -> dict[str, Any]:
         """The document that `tactile-dynamics estimate --json` prints."""
-        std = self.parameter_std
         body = self.inertia
         return {
             "samples": self.samples,
             "duration_s": self.duration,
-            "mass": {"value": body.mass, "std": float(std[0])},
-            "com": {"value": body.com.tolist(), "std": std[1:4].tolist()},
-            "inertia_com": {
-                "value": body.inertia_com.tolist(),
-                "std": inertia_matrix(std[4:]).tolist(),
-            },
+            **_body_json(body, self.parameter_std),
             "pseudo_inertia_eigenvalues": np.linalg.eigvalsh(body.pseudo_inertia).tolist(),
             "dynamic_parameters": {
                 "value": body.dynamic_parameters.tolist(),
                 "covariance": self.covariance.tolist(),
             },
             "effects": {name: effect.to_json() for name, effect in self.effects.items()},
+            "event": None if self.event is None else self.event.to_json(),
             "error": self.error.to_json(),
             "undetermined": list(self.not_excited),
             "converged": self.converged,

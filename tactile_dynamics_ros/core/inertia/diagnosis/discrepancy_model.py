@@ -266,6 +266,7 @@ class HeldObjectModel(LeastSquaresModel[Effect]):
                 rings=effect.rings,
                 lasting=effect.lasting,
                 regional=can_be_gated(effect),
+                event=effect.event,
             )
             for effect, reading, columns, kept in found
         ]

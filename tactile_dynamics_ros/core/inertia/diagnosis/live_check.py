@@ -11,6 +11,7 @@ from tactile_dynamics_ros.core.discrepancy.documents import Document, diagnosis_
 from tactile_dynamics_ros.core.discrepancy.explanation import ask_twice
 from tactile_dynamics_ros.core.discrepancy.live_check import LiveComparison
 from tactile_dynamics_ros.core.effects.registry import create_effects
+from tactile_dynamics_ros.core.effects.sensor_zero import with_zero
 from tactile_dynamics_ros.core.inertia.batch.batch import BatchConfig, fit_recording
 from tactile_dynamics_ros.core.inertia.diagnosis.misreading import question
 from tactile_dynamics_ros.core.inertia.diagnosis.readings import model_with_seen_noise
@@ -30,7 +31,8 @@ def compare_streams(
     Raises:
         BadInputError: contacts and motion are missing or do not overlap.
     """
-    model = fit_recording(streams, create_effects(effects), BatchConfig(iterations=iterations))
+    known = with_zero(streams.contacts, create_effects(effects))
+    model = fit_recording(streams, known, BatchConfig(iterations=iterations))
     problems = [stretch.problem for stretch in model.stretches]
     time = np.concatenate([p.samples.time + p.start for p in problems])
     return LiveComparison(time, -model.smooth_residual(), model.whitened_rms)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from tactile_dynamics_ros.core.discrepancy.regimes.event import place_event
 from tactile_dynamics_ros.core.discrepancy.screening import screen
 from tactile_dynamics_ros.core.discrepancy.trials import try_effect
 from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import (
@@ -13,6 +14,8 @@ from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import (
     noise_floor,
     noise_is_as_stated,
 )
+from tactile_dynamics_ros.core.effects.gated import GatedEffect
+from tactile_dynamics_ros.core.effects.sensor_zero import with_zero
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.batch.batch import BatchConfig
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
@@ -31,7 +34,8 @@ def fit_with_readings(
     """Fit a recording; effects named without a reading get the one with the best evidence.
 
     Of a long recording only stretches are fitted (`fit_representative`).
-    Readings are the frame of a lag, the fingers that have a bias, the law of a torsion.
+    Readings are the frame of a lag, the fingers that have a bias, the law of a torsion, the time of
+    an event. The zero of a single sensor is always an effect of the model, before all others.
     Where samples do not scatter as stated, their scatter is used if that leaves nothing but noise.
 
     Args:
@@ -42,6 +46,7 @@ def fit_with_readings(
     Raises:
         BadInputError: an effect is one that the contacts of this recording cannot show.
     """
+    effects = with_zero(streams.contacts, effects)
     fitted = _fit(streams, effects, config)
     restated, ratios = restate_noise(streams)
     if not ratios or _is_white(fitted):
@@ -66,7 +71,8 @@ def model_with_seen_noise(
     restated, ratios = restate_noise(streams)
     if not ratios or model.fitted.restated or noise_is_as_stated(model):
         return None
-    other = HeldObjectModel.from_fit(replace(_fit(restated, effects, None), restated=ratios))
+    known = with_zero(streams.contacts, effects)
+    other = HeldObjectModel.from_fit(replace(_fit(restated, known, None), restated=ratios))
     return other if noise_is_as_stated(other) else None
 
 
@@ -75,13 +81,19 @@ def _is_white(fitted: FittedModel) -> bool:
 
 
 def _fit(streams: Streams, effects: Sequence[Effect], config: BatchConfig | None) -> FittedModel:
-    open_names = [effect.name for effect in effects if not effect.reading]
-    fitted = fit_representative(streams, [e for e in effects if e.reading], config)
+    chosen = [effect for effect in effects if effect.reading and not effect.event]
+    fitted = fit_representative(streams, chosen, config)
     model = HeldObjectModel.from_fit(fitted)
     if fitted.effects:
         model = model.refined()
-    for name in open_names:
-        floor, families = noise_floor(model), model.families([name])
+    std = None
+    for effect in effects:
+        if effect in chosen:
+            continue
+        name, floor = effect.name, noise_floor(model)
+        if effect.event and not isinstance(effect, GatedEffect):
+            name, std = place_event(model, name, floor)
+        families = model.families([name])
         if not families:
             raise BadInputError(
                 f"effect '{name}': these contacts cannot show it beside the load; leave it out"
@@ -90,4 +102,4 @@ def _fit(streams: Streams, effects: Sequence[Effect], config: BatchConfig | None
         best = try_effect(model, scores, name, floor).model
         assert isinstance(best, HeldObjectModel)
         model = best.refined()
-    return replace(model.fitted, survey=fitted.survey)
+    return replace(model.fitted, survey=fitted.survey, event_std=std)

@@ -10,6 +10,7 @@ import numpy as np
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.effects.registry import create_effects
+from tactile_dynamics_ros.core.effects.sensor_zero import zero_beside
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
 from tactile_dynamics_ros.core.inertia.estimate import estimate
 from tactile_dynamics_ros.core.inertia.live.live_estimate import LiveEstimate, RecentFit
@@ -48,9 +49,14 @@ class RefittedModel:
         """Start without measurements and without effects."""
         self._config = config or RefitConfig()
         self.window = MeasurementWindow(self._config.history)
-        self.effects: tuple[str, ...] = ()
+        self._asked: tuple[str, ...] = ()
         self.newest_fit: LiveEstimate | None = None
         self._fitted_until = -np.inf
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of the effects of the model: those that were set, and the zero of one sensor."""
+        return (*zero_beside(self.window.contacts, self._asked), *self._asked)
 
     @property
     def is_due(self) -> bool:
@@ -65,14 +71,14 @@ class RefittedModel:
             BadInputError: an effect is unknown or named twice.
         """
         create_effects(effects)
-        self.effects = tuple(effects)
+        self._asked = tuple(effects)
         self.newest_fit = None
         self._fitted_until = -np.inf
 
     def clear(self) -> None:
         """Forget the measurements; the model stays."""
         self.window.clear()
-        self.set_effects(self.effects)
+        self.set_effects(self._asked)
 
     def take(self, effects: Sequence[str], fit: LiveEstimate) -> None:
         """Take a finished fit of these effects; of another model than the present it is dropped."""
