@@ -181,7 +181,7 @@ def _clock_faults(found: Estimate) -> list[str]:
         with_offset = estimate(found.recording, [create_effect("time_offset")]).to_estimate()
     except (TactileDynamicsError, np.linalg.LinAlgError):
         return []
-    (effect,) = with_offset.effects.values()
+    effect = with_offset.effects["time_offset"]
     ((name, offset),) = effect.value.items()
     std = effect.std[name]
     before, after = found.found.error.whitened_rms, with_offset.error.whitened_rms

@@ -12,7 +12,6 @@ from tactile_dynamics_ros.cli.recordings import (
     read_pushed,
     read_recording,
 )
-from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.options import POSITIVE
 
 if TYPE_CHECKING:
@@ -28,7 +27,7 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         "clocks, suspicious units, how well each parameter is known, and which further motion "
         "would bring it to the goal. The exit code is 0 if it is ready and 3 if not.",
     )
-    add_recording_arguments(parser)
+    add_recording_arguments(parser, effects=False)
     parser.add_argument(
         "--goal",
         type=POSITIVE,
@@ -42,8 +41,6 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
 
 def run(args: Namespace) -> int:
     """Check and print."""
-    if args.effects:
-        raise BadInputError("check: expected no --effects; it is about the recording alone")
     found = _checked(args)
     print(json.dumps(found.to_json()) if args.json else found)
     return 0 if found.ready else 3

@@ -37,20 +37,23 @@ class JoinNames(Action):
         setattr(namespace, self.dest, f"{before},{values}" if before else values)
 
 
-def add_recording_arguments(parser: ArgumentParser, optional: bool = False) -> None:
-    """Add the recording, its remappings and the effects of the model."""
+def add_recording_arguments(
+    parser: ArgumentParser, optional: bool = False, effects: bool = True
+) -> None:
+    """Add the recording, its remappings and the effects of the model, unless it has none."""
     count = "?" if optional else "+"
     bag_help = "rosbag2 directory, .mcap, .db3 or ROS 1 .bag file"
     several = "" if optional else "; several of one object are asked together: biases are of each"
     parser.add_argument("bag", metavar="BAG", nargs=count, help=bag_help + several)
-    parser.add_argument(
-        "--effects",
-        action=JoinNames,
-        default="",
-        metavar="A,B",
-        help="effects added to the rigid body (see `tactile-dynamics effects`)",
-    )
-    add_effect_file(parser)
+    if effects:
+        parser.add_argument(
+            "--effects",
+            action=JoinNames,
+            default="",
+            metavar="A,B",
+            help="effects added to the rigid body (see `tactile-dynamics effects`)",
+        )
+        add_effect_file(parser)
     parser.add_argument(
         "--remap",
         action="append",

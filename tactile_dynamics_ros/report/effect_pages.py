@@ -45,6 +45,7 @@ _TITLES = {
     "gravity": "Mass and gravity",
     "sensor": "Force sensors err",
     "timing": "Time is off",
+    "event": "Something changes at one time",
 }
 
 _OPENING = """\

@@ -42,7 +42,10 @@ _LEAST_FORCE, _LEAST_TORQUE = 0.03, 1.5
 _SHOWN = 3
 _WORLD = ("viscous_drag", "quadratic_drag", "tether_spring", "hanging_cable", "added_mass",
           "mass_change", "gravity_tilt", "sloshing_mass", "time_offset")  # fmt: skip
-ONE_FINGER = ("force_bias", "force_drift", "force_scale", "sensor_rotation", "contact_offset")
+ONE_FINGER = ("force_bias", "force_drift", "force_scale", "sensor_rotation", "contact_offset",
+              "sensor_zeroed")  # fmt: skip
+_HAPPENS = 7.0
+"""When an event happens, s of the standard motion: in the middle of turning, where weight shows."""
 
 
 @cache
@@ -121,7 +124,8 @@ class Signature:
 def compute_signature(name: str) -> Signature:
     """Return the wrench of an effect at typical size less what inertial parameters explain."""
     samples, inertia = standard_motion(), example_inertia()
-    effect = create_effect(f"{name}:thumb" if name in ONE_FINGER else name)
+    when = f"[t>{_HAPPENS:g}]" if create_effect(name).event else ""
+    effect = create_effect(f"{name}{when}:thumb" if name in ONE_FINGER else f"{name}{when}")
     wrench = effect.wrench(samples, inertia, effect.typical(samples))
     weight = np.array([_TORQUE_WEIGHT] * 3 + [1.0] * 3)
     matrix = (load_regressor(samples) * weight[:, None]).reshape(-1, 10)
@@ -301,6 +305,11 @@ def _against_world_change(axes: Axes, s: Signature) -> None:
     _against_change(axes, s.samples.time, force, s.world_force)
 
 
+def _moment_over_time(axes: Axes, s: Signature) -> None:
+    torque = 1e3 * np.linalg.norm(s.body_torque, axis=1)
+    _scatter(axes, s.samples.time, torque, "time in s", "size of the torque in N mm")
+
+
 def _against_body_change(axes: Axes, s: Signature) -> None:
     _against_change(axes, s.samples.time, s.samples.measured_wrench[:, 3:], s.body_force)
 
@@ -331,4 +340,7 @@ _RELATIONS: dict[str, Callable[[Axes, Signature], None]] = {
     "sensor_rotation": _along_and_across_thumb,
     "sensor_lag": _against_body_change,
     "time_offset": _against_world_change,
+    "sensor_zeroed": _drift_over_time,
+    "payload_change": _weight_over_time,
+    "grasp_shift": _moment_over_time,
 }

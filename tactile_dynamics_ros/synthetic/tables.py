@@ -100,6 +100,7 @@ class WristOptions:
         duration: s. rate_hz: of all rows.
         effects: hidden effects with magnitudes; those that push the load.
         bias_n, bias_nm: size of a constant bias of the sensor.
+        zeroed_at: s, when what the sensor reads then is taken for zero; None for never.
         imu: whether an IMU is recorded.
         force_std: N, torque_std: N m, position_std: m, rotation_std: rad, white noise per axis.
         acceleration_std: m/s^2, gyro_std: rad/s, of the IMU.
@@ -111,6 +112,7 @@ class WristOptions:
     effects: tuple[tuple[str, float], ...] = ()
     bias_n: float = 0.0
     bias_nm: float = 0.0
+    zeroed_at: float | None = None
     imu: bool = False
     force_std: float = 0.05
     torque_std: float = 0.003
@@ -131,8 +133,8 @@ def wrist_load(seed: int) -> HeldObject:
     return HeldObject("box", np.array([0.12, 0.1, 0.15]), mass, com, inertia)
 
 
-def wrist_truth(seed: int, options: WristOptions) -> tuple[Truth, HeldObject]:
-    """Simulate the load on the wrist of a robot that moves as robots do."""
+def wrist_scenario(seed: int, options: WristOptions) -> Scenario:
+    """Draw a load on the wrist of a robot that moves as robots do."""
     asked = ScenarioOptions(
         duration=options.duration,
         physics_rate_hz=options.rate_hz,
@@ -143,7 +145,12 @@ def wrist_truth(seed: int, options: WristOptions) -> tuple[Truth, HeldObject]:
     )
     drawn = Scenario.draw(seed, asked)
     motion = replace(drawn.motion, mean_rotation=_mean_attitude(seed))
-    scenario = replace(drawn, motion=motion, body=wrist_load(seed))
+    return replace(drawn, motion=motion, body=wrist_load(seed))
+
+
+def wrist_truth(seed: int, options: WristOptions) -> tuple[Truth, HeldObject]:
+    """Simulate the load on the wrist."""
+    scenario = wrist_scenario(seed, options)
     hidden = tuple(create_hidden_effect(n, size, seed, scenario) for n, size in options.effects)
     return scenario.simulate(hidden), scenario.body
 
@@ -167,13 +174,15 @@ def wrist_table(seed: int, options: WristOptions | None = None) -> tuple[Table, 
     force, about = truth.contact_force.sum(1), moment.sum(1)
     torque = about - np.cross(place, force)
     bias = randomness.unit_vector(rng), randomness.unit_vector(rng)
+    force = force @ axes + options.bias_n * bias[0]
+    torque = torque @ axes + options.bias_nm * bias[1]
+    if options.zeroed_at is not None:
+        later = motion.time >= motion.time[0] + options.zeroed_at
+        first = int(np.argmax(later))
+        force, torque = (v - later[:, None] * v[first] for v in (force, torque))
     sensor = SensorTable(
-        force=force @ axes
-        + options.bias_n * bias[0]
-        + options.force_std * rng.normal(size=(count, 3)),
-        torque=torque @ axes
-        + options.bias_nm * bias[1]
-        + options.torque_std * rng.normal(size=(count, 3)),
+        force=force + options.force_std * rng.normal(size=(count, 3)),
+        torque=torque + options.torque_std * rng.normal(size=(count, 3)),
         point=np.broadcast_to(place, (count, 3)),
         axes=np.broadcast_to(axes, (count, 3, 3)),
         force_std=options.force_std,

@@ -251,7 +251,8 @@ def test_axes_of_a_wrist_sensor_that_differ_in_noise_are_no_finding(stated):
     fitted = fit_with_readings(streams)
     assert assess(HeldObjectModel.from_fit(fitted)).white
     assert fitted.whitened_rms == pytest.approx(1.0, abs=0.02)
-    assert fitted.to_estimate().inertia.mass == pytest.approx(truth.mass, rel=2e-3)
+    found = fitted.to_estimate()
+    assert found.inertia.mass == pytest.approx(truth.mass, abs=3.0 * found.parameter_std[0])
 
 
 def test_live_noise_of_forces_that_state_none_is_measured():

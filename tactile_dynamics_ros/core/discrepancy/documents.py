@@ -48,7 +48,7 @@ def diagnosis_document(diagnosis: Diagnosis) -> Document:
         "verdict": diagnosis.verdict,
         "effect": diagnosis.effect,
         "regime": diagnosis.regime.to_json() if diagnosis.regime else None,
-        "event": diagnosis.regime.event_json() if diagnosis.regime else None,
+        "event": _event(diagnosis.explained_model, diagnosis.regime),
         "group": list(diagnosis.group),
         "separating_motion": diagnosis.separating_motion,
         "candidates": [] if diagnosis.convention else _candidates(diagnosis),
@@ -85,12 +85,22 @@ def explanation_document(explanation: Explanation) -> Document:
         },
         "parameters": explanation.model.parameters(),
         "regimes": {name: one.to_json() for name, one in explanation.regimes.items()},
-        "event": next((one.event_json() for one in explanation.regimes.values() if one.event), None),
+        "event": _event(
+            explanation.model, next((r for r in explanation.regimes.values() if r.event), None)
+        ),
         "groups": {step.name: list(step.group) for step in explanation.steps if step.group},
         "unexplained": signature.to_json() if signature else None,
         "convention": _convention(read[0] if read else None),
         "sentence": explanation_sentence(explanation),
     }
+
+
+def _event(model: ResidualModel, found: RegimeFinding | None) -> Document | None:
+    """What changed at one time; a sensor that was zeroed with its load on is one too."""
+    if found is not None and found.event:
+        return found.event_json()
+    at = model.zeroed_at
+    return None if at is None else {"name": "sensor_zeroed", "t": at, "std": None}
 
 
 def _convention(convention: Convention | None) -> Document | None:
@@ -160,8 +170,10 @@ def _scored(score: Score, tests: int) -> Document:
 
 
 def diagnosis_sentence(diagnosis: Diagnosis) -> str:
-    """The verdict for people, and what is to be known beside an adequate model."""
-    remark = diagnosis.model.remark if diagnosis.verdict == "adequate" else ""
+    """The verdict for people, and what is to be known beside an adequate model or a tared one."""
+    model = diagnosis.explained_model
+    worth_it = diagnosis.verdict == "adequate" or model.zeroed_at is not None
+    remark = model.remark if worth_it and diagnosis.convention is None else ""
     return " ".join(filter(None, (_verdict_sentence(diagnosis), remark)))
 
 

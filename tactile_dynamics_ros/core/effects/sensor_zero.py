@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 from tactile_dynamics_ros.core.effects.effect import Effect
 from tactile_dynamics_ros.core.effects.registry import create_effects
 
-_ZERO = "force_bias"
+ZERO = "force_bias"
 """Name of the effect that is a constant zero of a sensor. It is API."""
 
 
@@ -22,7 +22,7 @@ def zero_beside(contacts: Collection[str], effects: Sequence[str]) -> tuple[str,
         effects: names or labels of the effects that were asked for.
     """
     named = {label.partition(":")[0] for label in effects}
-    return (_ZERO,) if len(contacts) == 1 and _ZERO not in named else ()
+    return (ZERO,) if len(contacts) == 1 and ZERO not in named else ()
 
 
 def with_zero(contacts: Collection[str], effects: Sequence[Effect]) -> tuple[Effect, ...]:

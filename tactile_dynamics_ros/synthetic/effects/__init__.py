@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from tactile_dynamics_ros.synthetic import randomness
 from tactile_dynamics_ros.synthetic.effects import (
+    events,
     external,
     internal,
     measurement,
@@ -53,9 +54,10 @@ _UNKNOWN = (
     outside_sensor.ElectricHum,
     outside_sensor.NonlinearGain,
 )
+_EVENTS = (events.PayloadChange, events.GraspShift)
 CATALOGUE = tuple(effect.name for effect in _CATALOGUED)
 OUTSIDE = tuple(effect.name for effect in _UNKNOWN)
-_BY_NAME = {effect.name: effect for effect in (*_CATALOGUED, *_UNKNOWN)}
+_BY_NAME = {effect.name: effect for effect in (*_CATALOGUED, *_UNKNOWN, *_EVENTS)}
 
 
 def create_hidden_effect(
@@ -64,7 +66,7 @@ def create_hidden_effect(
     """Create a hidden effect; its direction, place and so on are drawn from the seed.
 
     Args:
-        name: one of CATALOGUE or OUTSIDE, with bounds where it acts in part: ``name[z<0.6]``.
+        name: one of CATALOGUE, OUTSIDE or events, with bounds where it acts in part: ``name[z<0.6]``.
         magnitude: multiple of the effect's typical size, 0 is off.
         seed: of the draw; equal seeds give equal directions at every magnitude.
         scenario: where and on what the effect acts.

@@ -193,6 +193,11 @@ class LeastSquaresModel(ABC, Generic[EffectT]):
         """Empty: nothing beside the numbers."""
         return ""
 
+    @property
+    def zeroed_at(self) -> float | None:
+        """None: no zero of a sensor is part of the model."""
+        return None
+
     def imitators(self, name: str) -> Sequence[str]:
         """None: all that a model knows of is in its catalogue."""
         return ()

@@ -185,7 +185,11 @@ class ResidualModel(Protocol):
 
     @property
     def remark(self) -> str:
-        """What an adequate model should be known by beside its numbers; a sentence, or empty."""
+        """What a model should be known by beside its verdict; a sentence, or empty."""
+
+    @property
+    def zeroed_at(self) -> float | None:
+        """s, when the sensor was zeroed with the load on it, where that is in the model already."""
 
     def imitators(self, name: str) -> Sequence[str]:
         """What is no effect of the catalogue and may do here what an effect does, by name."""

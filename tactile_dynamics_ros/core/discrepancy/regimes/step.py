@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -163,13 +164,19 @@ def _scores(
         if not refined:
             border = refine_border(model, name, one.family.label, border)
             refined[symbol] = border.gate
-        gates.append((one, refined.get(symbol, border.gate)))
+        gate = refined.get(symbol, border.gate)
+        gates.append((one, _start_of(gate) if one.family.event else gate))
     names = [f"{one.family.name}[{gate}]" for one, gate in gates]
     families = model.families(list(dict.fromkeys(names)))
     priced = [
         replace(family, choices=family.choices * search.gates.count(family)) for family in families
     ]
     return screen(model, priced, search.floor)
+
+
+def _start_of(gate: Gate) -> Gate:
+    """The gate of an event at the same border: it acts from there on."""
+    return Gate(gate.symbol, gate.low if math.isfinite(gate.low) else gate.high)
 
 
 def _is_preferred(
