@@ -68,6 +68,7 @@ class SlidingBlock:
     unreadable: str = ""
     too_short: str = ""
     remark: str = ""
+    zeroed_at: float | None = None
     alike: tuple[str, ...] = ()
 
     def imitators(self, name: str) -> tuple[str, ...]:

@@ -18,6 +18,7 @@ from tactile_dynamics_ros.core.inertia.diagnosis.quick_fit import (
     FactoredSystem,
     extended_system,
 )
+from tactile_dynamics_ros.core.inertia.diagnosis.twins import imitators
 from tactile_dynamics_ros.synthetic.recordings import generate
 from tactile_dynamics_ros.synthetic.scenario import ScenarioOptions
 
@@ -121,3 +122,15 @@ def test_a_joint_fit_starts_where_the_present_effects_were(monkeypatch):
         assert square(both) < square(present)
     assert len(starts) >= 3
     assert max(starts) < 2.0 * square(present)
+
+
+def test_a_pull_straight_up_at_the_centre_of_mass_may_be_fluid():
+    """Body m with added mass m_a is body m + m_a with the pull m_a g at its centre of mass."""
+    phi = np.concatenate([[0.23, 0.02, -0.008, 0.007], np.full(6, 1e-3)])
+    centre, spread = phi[1:4] / phi[0], np.diag(np.full(16, 1e-6))
+    upward = np.concatenate([[0.0005, -0.0004, 1.13], centre + 5e-4])
+    assert imitators("hanging_cable", phi, {"hanging_cable": upward}, spread) == ("added_mass",)
+    for change in (np.eye(6)[0] * 0.01, np.eye(6)[5] * 0.02, -np.eye(6)[2] * 2.3):
+        pulls = {"hanging_cable": upward + change}
+        assert imitators("hanging_cable", phi, pulls, spread) == ()
+    assert imitators("viscous_drag", phi, {"viscous_drag": np.ones(1)}, np.eye(11)) == ()

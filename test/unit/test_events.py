@@ -1,4 +1,4 @@
-"""Something changes at one time: named with its time, both bodies told, nothing of it in clean data."""
+"""What changes at one time is named with it, both bodies are estimated, clean data have none."""
 
 import numpy as np
 import pytest
@@ -106,7 +106,7 @@ def test_a_load_that_was_zeroed_away_is_no_cable():
 
 
 def test_a_touch_that_begins_is_not_called_an_event_alone():
-    """It is a constant wrench in the sensor's axes, as a zero is; before or after it, none knows."""
+    """It is a constant wrench in the sensor's axes, as a zero is."""
     streams, _ = wrist(8, effects=(("unsensed_contact[6<t<16]", 4.0),))
     document = told(streams)
     assert document["verdict"] == "ambiguous"

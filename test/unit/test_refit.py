@@ -125,3 +125,19 @@ def test_obstacles_withhold_whatever_the_fit(fit):
     verdict = judge_estimate(fit, ["two publishers on object/pose"], "")
     assert verdict.withheld
     assert "two publishers" in verdict.text
+
+
+def test_the_zero_of_a_single_sensor_is_always_fitted(streams):
+    model = RefittedModel()
+    assert model.effects == ()
+    wrist = replace(streams, contacts={"wrist": next(iter(streams.contacts.values()))})
+    feed(model, wrist)
+    assert model.effects == ("force_bias",)
+    assert model.is_due
+    model.set_effects(["viscous_drag"])
+    assert model.effects == ("force_bias", "viscous_drag")
+    model.set_effects(["force_bias", "viscous_drag"])
+    assert model.effects == ("force_bias", "viscous_drag")
+    feed(model, streams)
+    model.set_effects([])
+    assert model.effects == (), "several fingers have no zero that is never known"

@@ -259,5 +259,5 @@ def find_group(choice: Choice, config: DiagnosisConfig) -> tuple[tuple[str, ...]
     equal = [r for r in choice.rivals if is_equal(r) and r.model.is_possible(r.name)]
     alike = tuple(choice.model.imitators(best.name))
     ambiguous = bool(alike) or any(lasting or is_plausible(rival) for rival in equal)
-    names = (*(r.name for r in equal), *alike)
+    names = tuple(dict.fromkeys([*(r.name for r in equal), *alike]))
     return (best.name, *names) if names else (), ambiguous

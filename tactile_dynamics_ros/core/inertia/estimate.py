@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.effects.sensor_zero import with_zero
+from tactile_dynamics_ros.core.inertia.batch.averaging import averaged
 from tactile_dynamics_ros.core.inertia.batch.batch import fit_body
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
 from tactile_dynamics_ros.core.inertia.batch.pose_noise_bias import widen_by_pose_noise
@@ -53,7 +54,7 @@ def estimate(
             an effect, or the vertices span no volume.
         NotIdentifiableError: the iteration diverged.
     """
-    streams = recording if isinstance(recording, Streams) else recording.streams
+    streams = averaged(recording if isinstance(recording, Streams) else recording.streams)
     if with_zero(streams.contacts, effects):
         model = widen_by_pose_noise(fit_with_readings(streams, effects), streams)
     else:

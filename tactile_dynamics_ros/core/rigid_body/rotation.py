@@ -204,6 +204,16 @@ def turned_between(first: Array, then: Array, share: Array) -> Array:
     return np.asarray(first @ exp_so3(share[..., None] * turn))
 
 
+def nearest_rotation(matrices: Array) -> Array:
+    """Rotations (..., 3, 3) nearest to matrices in the Frobenius norm.
+
+    Source: Higham 1986, SIAM J. Sci. Stat. Comput. 7 (the polar factor).
+    """
+    left, _, right = np.linalg.svd(matrices)
+    left[..., 2] *= np.linalg.det(left @ right)[..., None]
+    return np.asarray(left @ right)
+
+
 def are_rotations(matrices: Array) -> NDArray[np.bool_]:
     """Which of (N, 3, 3) have R^T R = I, to two digits; mirrored ones have it too."""
     defect = np.abs(np.einsum("nji,njk->nik", matrices, matrices) - np.eye(3)).max(axis=(1, 2))

@@ -66,7 +66,8 @@ def create_hidden_effect(
     """Create a hidden effect; its direction, place and so on are drawn from the seed.
 
     Args:
-        name: one of CATALOGUE, OUTSIDE or events, with bounds where it acts in part: ``name[z<0.6]``.
+        name: one of CATALOGUE, OUTSIDE or the events, with bounds where it acts in part:
+            ``name[z<0.6]``.
         magnitude: multiple of the effect's typical size, 0 is off.
         seed: of the draw; equal seeds give equal directions at every magnitude.
         scenario: where and on what the effect acts.

@@ -78,7 +78,7 @@ class PayloadChange(LinearEffect):
         return -load_regressor(samples)
 
     def load_after(self, inertia: Array, theta: Array) -> Array:
-        """phi + d."""
+        """The sum, phi + d."""
         return inertia + theta
 
     def is_possible(self, samples: WrenchSamples, inertia: Array, theta: Array) -> bool:

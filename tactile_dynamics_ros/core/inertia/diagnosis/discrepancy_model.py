@@ -24,7 +24,6 @@ from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
 )
 from tactile_dynamics_ros.core.discrepancy.trials import square
 from tactile_dynamics_ros.core.discrepancy.validation import held_out
-from tactile_dynamics_ros.core.discrepancy.verdict.wording import write_parameters
 from tactile_dynamics_ros.core.effects.conditions import sample_scalars
 from tactile_dynamics_ros.core.effects.effect import Effect
 from tactile_dynamics_ros.core.effects.gated import can_be_gated
@@ -42,7 +41,9 @@ from tactile_dynamics_ros.core.inertia.diagnosis.quick_fit import (
     extended_system,
 )
 from tactile_dynamics_ros.core.inertia.diagnosis.separating_motion import plan_separation
+from tactile_dynamics_ros.core.inertia.diagnosis.tare import describe_zero, was_tared
 from tactile_dynamics_ros.core.inertia.diagnosis.term_library import wrench_terms
+from tactile_dynamics_ros.core.inertia.diagnosis.twins import imitators
 from tactile_dynamics_ros.core.inertia.diagnosis.wrench_residuals import wrench_residuals
 from tactile_dynamics_ros.core.inertia.residuals.systematic import PresumedErrors
 from tactile_dynamics_ros.core.numerics.least_squares import levenberg_marquardt
@@ -56,16 +57,6 @@ the windows at their ends. With one of eight effects of usual size (three seeds 
 3 of 24 recordings of half a second adequate, 1 of those of one second, none of those of two; it is
 the contact offset that takes longest. Shorter calls absent what was not seen, longer refuses what
 can be told."""
-_START = 0.1
-"""First part of a recording, s, whose mean reading says whether the sensor was zeroed there: some
-ten samples. Longer takes in the motion of an arm that does not wait, shorter noise."""
-_TARED = 0.1
-"""Reading at the start over the zero below which the sensor was zeroed with the load on it: of
-zeros as large as the weight, of any direction, one in 4000 does so by chance. Higher calls chance a
-tare, lower misses one of an arm that moves at once."""
-_CERTAIN = 5.0
-"""Standard deviations by which a zero is known to be none. Lower speaks of zeros that noise makes,
-higher is silent of small ones."""
 _UNFOLLOWED = 0.1
 """Share of poses too far apart to show the motion from which a misfit is put down to that: clean
 slow recordings have at most 3 %. Higher, effects are named that only stand in for motion between
@@ -258,34 +249,25 @@ class HeldObjectModel(LeastSquaresModel[Effect]):
         )
 
     @property
+    def _zero(self) -> dict[str, dict[str, Any]] | None:
+        """Parameters of the zero of a single sensor, if the model has one."""
+        return self.parameters().get(ZERO) if len(self.samples.contact_names) == 1 else None
+
+    @property
     def remark(self) -> str:
-        """What a single sensor reads with nothing on it, and whether it was zeroed with the load."""
-        zero = self.parameters().get(ZERO)
-        if zero is None or len(self.samples.contact_names) > 1:
-            return ""
-        said = f"The zero of the sensor is part of the model: {write_parameters(zero)}."
-        if self.zeroed_at is None:
-            return said
-        return f"{said} It reads nothing at the start: it was zeroed with the load on it."
+        """What a single sensor reads with nothing on it."""
+        return "" if self._zero is None else describe_zero(self._zero, self.zeroed_at is not None)
 
     @property
     def zeroed_at(self) -> float | None:
-        """s, when a single sensor was zeroed with the load on it: 0, the start, or None.
+        """s, when a single sensor was zeroed with the load on it: 0, the start, or None."""
+        tared = self._zero is not None and was_tared(self.samples, self._zero)
+        return 0.0 if tared else None
 
-        Its reading is then far smaller than its zero: it was taken for zero as it hung there.
-        """
-        zero = self.parameters().get(ZERO)
-        samples = self.samples
-        if zero is None or len(samples.contact_names) > 1:
-            return None
-        first = samples.time < samples.time[0] + _START
-        reading = samples.contact_force[first, 0].mean(axis=0)
-        value, std = (
-            float(np.linalg.norm([entry[key] for entry in list(zero.values())[:3]]))
-            for key in ("value", "std")
-        )
-        seen = value > _CERTAIN * std and float(np.linalg.norm(reading)) < _TARED * value
-        return 0.0 if seen else None
+    def imitators(self, name: str) -> tuple[str, ...]:
+        """Fluid that moves along is a heavier body with a pull straight up at its centre."""
+        present = dict(zip(self.effect_names, self.theta, strict=True))
+        return imitators(name, self.phi, present, self.covariance)
 
     def families_of(self, name: str) -> list[Family]:
         """Every reading of an effect that the model lacks, and every restriction of it."""

@@ -12,6 +12,7 @@ from tactile_dynamics_ros.core.discrepancy.explanation import ask_twice
 from tactile_dynamics_ros.core.discrepancy.live_check import LiveComparison
 from tactile_dynamics_ros.core.effects.registry import create_effects
 from tactile_dynamics_ros.core.effects.sensor_zero import with_zero
+from tactile_dynamics_ros.core.inertia.batch.averaging import averaged
 from tactile_dynamics_ros.core.inertia.batch.batch import BatchConfig, fit_recording
 from tactile_dynamics_ros.core.inertia.diagnosis.misreading import question
 from tactile_dynamics_ros.core.inertia.diagnosis.readings import model_with_seen_noise
@@ -31,7 +32,7 @@ def compare_streams(
     Raises:
         BadInputError: contacts and motion are missing or do not overlap.
     """
-    known = with_zero(streams.contacts, create_effects(effects))
+    streams, known = averaged(streams), with_zero(streams.contacts, create_effects(effects))
     model = fit_recording(streams, known, BatchConfig(iterations=iterations))
     problems = [stretch.problem for stretch in model.stretches]
     time = np.concatenate([p.samples.time + p.start for p in problems])

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Convention
+from tactile_dynamics_ros.core.inertia.batch.averaging import averaged
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
 from tactile_dynamics_ros.core.inertia.conventions.finder import assumed, find_convention
 from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldObjectModel
@@ -30,6 +31,7 @@ def question(
     Raises:
         BadInputError: contacts and motion are missing, or the contacts cannot show an effect.
     """
+    streams = averaged(streams)
 
     def misread(recorded: float) -> Convention | None:
         return find_convention(streams, recorded, lambda other: question(other, effects))

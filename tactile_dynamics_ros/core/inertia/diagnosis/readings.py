@@ -15,8 +15,9 @@ from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import (
     noise_is_as_stated,
 )
 from tactile_dynamics_ros.core.effects.gated import GatedEffect
-from tactile_dynamics_ros.core.effects.sensor_zero import with_zero
+from tactile_dynamics_ros.core.effects.sensor_zero import ZERO, with_zero
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.inertia.batch.averaging import averaged
 from tactile_dynamics_ros.core.inertia.batch.batch import BatchConfig
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
 from tactile_dynamics_ros.core.inertia.batch.stretches import fit_representative
@@ -33,7 +34,7 @@ def fit_with_readings(
 ) -> FittedModel:
     """Fit a recording; effects named without a reading get the one with the best evidence.
 
-    Of a long recording only stretches are fitted (`fit_representative`).
+    Of a long recording only stretches are fitted (`fit_representative`), of a fast one means.
     Readings are the frame of a lag, the fingers that have a bias, the law of a torsion, the time of
     an event. The zero of a single sensor is always an effect of the model, before all others.
     Where samples do not scatter as stated, their scatter is used if that leaves nothing but noise.
@@ -46,7 +47,7 @@ def fit_with_readings(
     Raises:
         BadInputError: an effect is one that the contacts of this recording cannot show.
     """
-    effects = with_zero(streams.contacts, effects)
+    streams, effects = averaged(streams), with_zero(streams.contacts, effects)
     fitted = _fit(streams, effects, config)
     restated, ratios = restate_noise(streams)
     if not ratios or _is_white(fitted):
@@ -68,7 +69,7 @@ def model_with_seen_noise(
     Returns:
         None where the floor is 1 as it should be, or where it is not with the other noise either.
     """
-    restated, ratios = restate_noise(streams)
+    restated, ratios = restate_noise(averaged(streams))
     if not ratios or model.fitted.restated or noise_is_as_stated(model):
         return None
     known = with_zero(streams.contacts, effects)
@@ -81,10 +82,11 @@ def _is_white(fitted: FittedModel) -> bool:
 
 
 def _fit(streams: Streams, effects: Sequence[Effect], config: BatchConfig | None) -> FittedModel:
-    chosen = [effect for effect in effects if effect.reading and not effect.event]
+    single = len(streams.contacts) == 1
+    chosen = [e for e in effects if (e.reading or (single and e.name == ZERO)) and not e.event]
     fitted = fit_representative(streams, chosen, config)
     model = HeldObjectModel.from_fit(fitted)
-    if fitted.effects:
+    if any(effect.reading for effect in chosen):
         model = model.refined()
     std = None
     for effect in effects:
