@@ -8,7 +8,7 @@ from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.discrepancy.documents import diagnosis_document
 from tactile_dynamics_ros.core.effects import create_effect, create_effects
 from tactile_dynamics_ros.core.effects.check import check_effect
-from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.inertia.diagnosis.misreading import question
 from tactile_dynamics_ros.core.inertia.estimate import estimate
 from tactile_dynamics_ros.synthetic.effects import create_hidden_effect
@@ -134,3 +134,10 @@ def test_fingers_tell_for_themselves_what_shifts(name):
 
 def test_a_grasp_shift_is_consistent_with_turned_axes():
     assert check_effect(create_effect("grasp_shift[t>0.5]")).failures == ()
+
+
+def test_an_effect_that_fits_only_with_what_cannot_be_is_refused():
+    """Something that pushes ahead is no drag of negative coefficient."""
+    streams, _ = wrist(9, effects=(("viscous_drag", -1.0),))
+    with pytest.raises(NotIdentifiableError, match="viscous_drag.* c = -.*cannot be"):
+        estimate(streams, create_effects(["viscous_drag"]))

@@ -14,9 +14,10 @@ from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import (
     noise_floor,
     noise_is_as_stated,
 )
+from tactile_dynamics_ros.core.discrepancy.verdict.wording import write_interval
 from tactile_dynamics_ros.core.effects.gated import GatedEffect
 from tactile_dynamics_ros.core.effects.sensor_zero import ZERO, with_zero
-from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.inertia.batch.averaging import averaged
 from tactile_dynamics_ros.core.inertia.batch.batch import BatchConfig
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
@@ -27,6 +28,11 @@ from tactile_dynamics_ros.core.streams.streams import Streams
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.effects.effect import Effect
+
+_CERTAIN = 3.0
+"""Standard deviations beyond its bound from which a parameter cannot be. An effect that is absent
+lies beyond it half of the time, by as much once in 700. Lower refuses those, higher tells negative
+stiffness."""
 
 
 def fit_with_readings(
@@ -46,14 +52,37 @@ def fit_with_readings(
 
     Raises:
         BadInputError: an effect is one that the contacts of this recording cannot show.
+        NotIdentifiableError: an effect fits only with a parameter that cannot be.
     """
     streams, effects = averaged(streams), with_zero(streams.contacts, effects)
     fitted = _fit(streams, effects, config)
     restated, ratios = restate_noise(streams)
-    if not ratios or _is_white(fitted):
-        return fitted
-    again = replace(_fit(restated, effects, config), restated=ratios)
-    return again if _is_white(again) else fitted
+    if ratios and not _is_white(fitted):
+        again = replace(_fit(restated, effects, config), restated=ratios)
+        fitted = again if _is_white(again) else fitted
+    _require_possible(fitted)
+    return fitted
+
+
+def _require_possible(fitted: FittedModel) -> None:
+    """Check that no parameter of an effect is beyond its bound by more than its uncertainty.
+
+    Raises:
+        NotIdentifiableError: one is, as a spring that pushes.
+    """
+    for effect, theta in zip(fitted.effects, fitted.theta, strict=True):
+        parameters = effect.parameters(fitted.samples[0])
+        if all(value >= p.least for p, value in zip(parameters, theta, strict=True)):
+            continue
+        found = fitted.to_estimate().effects[effect.name]
+        for p in parameters:
+            value, std = found.value[p.name], found.std[p.name]
+            if value < p.least - _CERTAIN * std:
+                raise NotIdentifiableError(
+                    f"effect '{effect.name}' fits this recording only with {p.name} = "
+                    f"{write_interval(value, std)} {p.unit}, which cannot be (at least "
+                    f"{p.least:g}): it is not what acts here; leave it out"
+                )
 
 
 def model_with_seen_noise(
