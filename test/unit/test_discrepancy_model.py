@@ -133,4 +133,8 @@ def test_a_pull_straight_up_at_the_centre_of_mass_may_be_fluid():
     for change in (np.eye(6)[0] * 0.01, np.eye(6)[5] * 0.02, -np.eye(6)[2] * 2.3):
         pulls = {"hanging_cable": upward + change}
         assert imitators("hanging_cable", phi, pulls, spread) == ()
+    level = np.concatenate([[0.1, 0.05, 0.0125 / (2.0 * 0.23 * 9.81)], centre])
+    pulls = {"viscous_drag": np.ones(1), "hanging_cable": level}
+    exact = np.diag(np.full(17, 1e-8))
+    assert imitators("hanging_cable", phi, pulls, exact) == ("gravity_tilt",)
     assert imitators("viscous_drag", phi, {"viscous_drag": np.ones(1)}, np.eye(11)) == ()

@@ -257,7 +257,8 @@ def find_group(choice: Choice, config: DiagnosisConfig) -> tuple[tuple[str, ...]
         return lasting or is_plausible(rival) or contains(choice, rival)
 
     equal = [r for r in choice.rivals if is_equal(r) and r.model.is_possible(r.name)]
-    alike = tuple(choice.model.imitators(best.name))
+    beside = [name for rival in equal for name in rival.model.imitators(rival.name)]
+    alike = [*choice.model.imitators(best.name), *beside]
     ambiguous = bool(alike) or any(lasting or is_plausible(rival) for rival in equal)
-    names = tuple(dict.fromkeys([*(r.name for r in equal), *alike]))
-    return (best.name, *names) if names else (), ambiguous
+    names = tuple(dict.fromkeys([best.name, *(r.name for r in equal), *alike]))
+    return names if len(names) > 1 else (), ambiguous

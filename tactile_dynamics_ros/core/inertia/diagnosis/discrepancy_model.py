@@ -265,7 +265,7 @@ class HeldObjectModel(LeastSquaresModel[Effect]):
         return 0.0 if tared else None
 
     def imitators(self, name: str) -> tuple[str, ...]:
-        """Fluid that moves along is a heavier body with a pull straight up at its centre."""
+        """Fluid that moves along, and gravity that is turned, pull at the centre of mass."""
         present = dict(zip(self.effect_names, self.theta, strict=True))
         return imitators(name, self.phi, present, self.covariance)
 

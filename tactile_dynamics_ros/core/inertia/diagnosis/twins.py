@@ -1,4 +1,4 @@
-"""Effects that another, simpler one may be: a pull straight up at the centre of mass."""
+"""Effects that another, simpler one may be: a constant pull at the centre of mass."""
 
 from __future__ import annotations
 
@@ -8,23 +8,29 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W
+
 Array = NDArray[np.float64]
 
-_PULL, _FLUID = "hanging_cable", "added_mass"
-"""Names of the effects that may be each other. They are API."""
+GRAVITY = float(np.linalg.norm(GRAVITY_W))
+"""Size of gravity, m/s^2. It is not estimated: `gravity_tilt` turns it."""
+_PULL = "hanging_cable"
+"""Name of the effect that others are forms of. It is API."""
 
 _CERTAIN = 0.01
-"""P-value below which a pull is off the vertical or off the centre of mass, as `significance` of
-the diagnosis. Lower names the fluid beside more cables, higher misses it once in as many."""
+"""P-value below which a pull is none of the simpler effects, as `significance` of the diagnosis.
+Lower names these beside more cables, higher misses them once in as many."""
 
 
 def imitators(
     name: str, phi: Array, present: Mapping[str, Array], covariance: Array
 ) -> tuple[str, ...]:
-    """`added_mass` beside a constant pull that may be a fluid, moved along but weighing nothing.
+    """Simpler effects that a constant pull F at a point p may be, m the mass and c its centre.
 
-    The body m with added mass m_a is the body m + m_a with the pull m_a g upward at its centre of
-    mass c: a pull F at p is that if F_x = F_y = 0 < F_z and p = c.
+    - `added_mass`, fluid that is moved along but weighs nothing: the body m + m_a with m_a g upward
+      at its centre, F_x = F_y = 0 < F_z and p = c;
+    - `gravity_tilt`: gravity of the same size and another direction, p = c and
+      F_z = (F_x^2 + F_y^2) / (2 m g) to second order.
 
     Args:
         name: of an effect of the model.
@@ -37,11 +43,24 @@ def imitators(
     names = list(present)
     first = 10 + sum(len(present[other]) for other in names[: names.index(name)])
     rows = [*range(10), *range(first, first + 6)]
-    theta, centre = present[name], phi[1:4] / phi[0]
-    off = np.concatenate([theta[:2], theta[3:] - centre])
-    by_both = np.zeros((5, 16))
-    by_both[:2, 10:12], by_both[2:, 13:] = np.eye(2), np.eye(3)
-    by_both[2:, 0], by_both[2:, 1:4] = centre / phi[0], -np.eye(3) / phi[0]
-    spread = by_both @ covariance[np.ix_(rows, rows)] @ by_both.T
-    distance = float(off @ np.linalg.pinv(spread) @ off)
-    return (_FLUID,) if theta[2] > 0.0 and distance < chdtri(len(off), _CERTAIN) else ()
+    spread, pull = covariance[np.ix_(rows, rows)], present[name]
+    level, weight = pull[:2], phi[0] * GRAVITY
+    fluid, tilt = np.zeros((2, 16)), np.zeros((1, 16))
+    fluid[:, 10:12] = np.eye(2)
+    tilt[0, 10:13] = np.append(-level / weight, 1.0)
+    found = []
+    if pull[2] > 0.0 and _vanishes(level, fluid, phi, pull, spread):
+        found.append("added_mass")
+    if _vanishes(pull[2:3] - level @ level / (2.0 * weight), tilt, phi, pull, spread):
+        found.append("gravity_tilt")
+    return tuple(found)
+
+
+def _vanishes(value: Array, change: Array, phi: Array, pull: Array, spread: Array) -> bool:
+    """Whether values (n,) with derivatives (n, 16) and the arm p - c may all be zero."""
+    centre = phi[1:4] / phi[0]
+    arm = np.zeros((3, 16))
+    arm[:, 13:], arm[:, 0], arm[:, 1:4] = np.eye(3), centre / phi[0], -np.eye(3) / phi[0]
+    off, by_both = np.append(value, pull[3:] - centre), np.concatenate([change, arm])
+    distance = float(off @ np.linalg.pinv(by_both @ spread @ by_both.T) @ off)
+    return bool(distance < chdtri(len(off), _CERTAIN))
