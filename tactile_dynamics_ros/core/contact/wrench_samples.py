@@ -49,6 +49,7 @@ class WrenchSamples:
         session_starts: s, when each of several joined recordings begins; empty for one.
         external: (N, 6) known wrench on the object beside those of the contacts, body frame;
             None for none.
+        torque_measured: False where torques are what a body needs that one force sensor carries.
         motion: samples with the same motion and contacts from which `with_forces` or
             `with_external` made these; `dataclasses.replace` forgets it.
     """
@@ -69,6 +70,7 @@ class WrenchSamples:
     gravity: Array
     external: Array | None = None
     session_starts: tuple[float, ...] = ()
+    torque_measured: bool = True
     motion: WrenchSamples | None = field(default=None, init=False)
 
     @property

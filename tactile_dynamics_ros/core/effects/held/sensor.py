@@ -34,12 +34,8 @@ huge forces, higher cuts gains that sensors do have."""
 
 
 def carries_torque(samples: WrenchSamples) -> bool:
-    """Whether any contact measures torque (a wrist force/torque sensor).
-
-    Samples whose forces were balanced are asked for what was measured: a body needs a torque.
-    """
-    measured = samples if samples.motion is None else samples.motion
-    return bool(np.any(measured.contact_torque != 0.0))
+    """Whether any contact measures torque (a wrist force/torque sensor)."""
+    return samples.torque_measured and bool(np.any(samples.contact_torque != 0.0))
 
 
 def contact_map(samples: WrenchSamples, contact: int) -> Array:

@@ -112,6 +112,7 @@ class ContactSignals:
         signals: latent signals force, and torque and point where they are noisy.
         point_functional: functional of the contact point.
         carried: whether point and rotation are in the body frame, free of the noise of the pose.
+        carries_torque: whether its torque is measured; that of one force alone is an unknown.
     """
 
     name: str
@@ -124,6 +125,7 @@ class ContactSignals:
     signals: dict[str, LatentSignal]
     point_functional: LocalFunctional
     carried: bool = False
+    carries_torque: bool = True
 
     def corrected(self, corrections: dict[str, Array]) -> ContactSignals:
         """Return the signals moved by corrections (K, 3) by name."""
@@ -242,6 +244,7 @@ def contact_signals(
         signals=signals,
         point_functional=point_functional,
         carried=place is not None,
+        carries_torque=contact.carries_torque,
     )
 
 

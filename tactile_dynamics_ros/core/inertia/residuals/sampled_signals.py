@@ -70,6 +70,7 @@ class SampledSignals:
             in_contact=np.stack([contact.in_contact for contact in self.contacts], axis=1)[keep],
             gravity=self.motion.gravity,
             session_starts=tuple(start - self.start for start in self.session_starts),
+            torque_measured=any(contact.carries_torque for contact in self.contacts),
         )
 
     @cached_property
