@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import product
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,11 +14,15 @@ Array = NDArray[np.float64]
 _ALIKE = 1.3
 """Misfit over that of the best signs up to which torques are taken as forces are. Signs that are
 wrong leave several times as much."""
+_CLEAR = 10.0
+"""Standard deviations by which the first moment that turning shows in the forces must contradict
+that of the torques for them to be of the other sign. Filters and noise of the motion feign two or
+three; where nothing turns quickly, no sign of torques can be told."""
 _SAME_MASS = 0.1
 """Share by which mass by weight and by acceleration differ at most where a world leans: cables and
 springs that pull a load aside change its weight."""
-SIGNS = sorted(product((1.0, -1.0), repeat=3), key=lambda s: (abs(sum(s)) < 3.0, -sum(s)))
-"""Signs of the three axes of a torque, those that all agree first."""
+_SIGNS = [np.ones(3), *(1.0 - 2.0 * np.eye(3))]
+"""Signs of the three axes of a torque, those that all agree first; all negated fit alike."""
 
 
 def torque_signs(scene: Scene, weighing: Weighing) -> Array:
@@ -28,13 +30,23 @@ def torque_signs(scene: Scene, weighing: Weighing) -> Array:
 
     Those of the forces, all of one sign, are kept where no others fit clearly better.
     """
-    usual = np.ones(3)
     if not _is_measured(scene):
-        return usual
-    tried = [np.array(s) for s in SIGNS if weighing.axes == "sensor" or abs(sum(s)) == 3.0]
-    left = [_fit(scene, weighing, signs)[1] for signs in tried]
-    near = [signs for signs, one in zip(tried, left, strict=True) if one <= _ALIKE * min(left)]
-    return near[0]
+        return np.ones(3)
+    tried = _SIGNS if weighing.axes == "sensor" else _SIGNS[:1]
+    fits = [_fit(scene, weighing, signs) for signs in tried]
+    least = min(left for _, left in fits)
+    near = [pair for pair in zip(tried, fits, strict=True) if pair[1][1] <= _ALIKE * least]
+    signs, (moment, _) = near[0]
+    return signs if _support(weighing, moment) > -_CLEAR else -signs
+
+
+def _support(weighing: Weighing, moment: Array) -> float:
+    """Standard deviations by which turning shows a first moment this way, not the other."""
+    found = []
+    for side in weighing.sides:
+        size = float(np.linalg.norm(moment / side.moment_std))
+        found.append(float(np.sum(side.moment * moment / side.moment_std**2)) / max(size, 1e-300))
+    return max(found, key=abs)
 
 
 def lever_of(scene: Scene, weighing: Weighing) -> float | None:
@@ -51,7 +63,8 @@ def leans(scene: Scene, weighing: Weighing) -> bool:
     A cable or a spring that pulls aside turns the load too, unless it acts at its centre of mass.
     """
     ratio = weighing.agreement
-    if ratio is None or abs(ratio - 1.0) > _SAME_MASS or not _is_measured(scene):
+    other = ratio is not None and abs(ratio - 1.0) > _SAME_MASS
+    if other or not _is_measured(scene):
         return False
     signs = torque_signs(scene, weighing)
     alone, beside = (_fit(scene, weighing, signs, pulled)[1] for pulled in (False, True))

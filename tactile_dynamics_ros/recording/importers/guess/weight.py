@@ -104,11 +104,15 @@ class Side:
     Attributes:
         mass: signed mass by the weight, negative if the sensor reads the load's weight.
         mass_std: of it.
+        moment: (3,) signed first moment by what turning does to the force; 0 where nothing turns.
+        moment_std: (3,) of it; infinite where nothing turns.
         bias: (3,) constant part, axes of the pose.
     """
 
     mass: float
     mass_std: float
+    moment: Array
+    moment_std: Array
     bias: Array
 
 
@@ -271,7 +275,10 @@ class Scene:
         for part in self.sides:
             fit = _Fit.of(columns[part], force[part], self.measured.time is None)
             squares, rows = squares + fit.squares, rows + fit.freedom
-            sides.append(Side(fit.value[0], fit.std[0], fit.value[-3:]))
+            moment = slice(2, 5)
+            sides.append(
+                Side(fit.value[0], fit.std[0], fit.value[moment], fit.std[moment], fit.value[5:])
+            )
             if abs(fit.value[1]) > _CLEAR * fit.std[1]:
                 ratios.append(fit.value[1] / fit.value[0] if fit.value[0] else np.inf)
         middle = np.concatenate([force[part] - force[part].mean(axis=0) for part in self.sides])
@@ -310,11 +317,12 @@ class Scene:
         f = s m Q' R'(a + g u) + b: the affine map that fits best is close to a rotation times a
         mass of either sign; None where it is not.
         """
-        felt = GRAVITY * self.in_body(up)
-        felt = felt if self.motion is None else felt + self.motion[0]
+        felt = GRAVITY * self.in_body(up) + self._columns[:, :, 0]
+        ones = np.ones((len(felt), 1))
+        columns = np.hstack([felt, ones, self._columns[:, :, 1:4].reshape(-1, 9)])
         total = np.zeros((3, 3))
         for part in self.sides:
-            rows = np.concatenate([felt[part], np.ones((int(part.sum()), 1))], axis=1)
+            rows = columns[part]
             affine = np.linalg.lstsq(rows, self.force[part], rcond=None)[0][:3].T
             total += affine * np.sign(np.linalg.det(affine))
         left, scales, right = np.linalg.svd(total)
@@ -325,7 +333,7 @@ class Scene:
     def _refined(self, turn: Array, up: Array) -> Array:
         """A rotation of the sensor, by Gauss-Newton with all that a load does."""
         weight = GRAVITY * self.in_body(up)[..., None]
-        felt = weight[..., 0] if self.motion is None else weight[..., 0] + self.motion[0]
+        felt = weight[..., 0] + self._columns[:, :, 0]
         columns = np.concatenate([weight, -skew(felt), self._columns], axis=2)
         for _ in range(_ROUNDS):
             force, found = self.own_axes(self.force, "sensor", turn), np.zeros(4)
