@@ -25,7 +25,7 @@ ZERO = np.array([1.5, -2.2, 4.1, 0.05, -0.03, 0.02])
 """What a sensor reads with nothing on it, N and N m, if it was not zeroed."""
 UP = np.array([0.0, 0.0, 9.81])
 _STEP = 1e-3
-"""Step of the differences, s: rounding and the fifth derivative both leave 1e-6 of an acceleration."""
+"""Step of the differences, s: rounding and the fifth derivative both leave 1e-6 of them."""
 
 
 @dataclass(frozen=True)
@@ -273,7 +273,38 @@ CORRUPTIONS: Mapping[str, Corruption] = {
     "gravity_anywhere": _any_world,
     "base_tilted": _tilted,
     "sensor_turned_90": _sensor_turned(Rotation.from_euler("z", 90, degrees=True)),
-    "sensor_turned_37": _sensor_turned(Rotation.from_rotvec(np.radians(37) * np.array([0, 0.6, 0.8]))),
+    "sensor_turned_37": _sensor_turned(
+        Rotation.from_rotvec(np.radians(37) * np.array([0, 0.6, 0.8]))
+    ),
     "forces_in_world": _in_world,
 }
 """Mistakes with units, signs and axes."""
+FAULTS: Mapping[str, Corruption] = {
+    "clean": lambda log, _: log,
+    "low_pass_10_hz": _low_pass,
+    "quantised_1_n": _quantised,
+    "zeroed": _zeroed,
+}
+"""What sensors and people at them do during a log of one load."""
+STATIC_FAULTS: Mapping[str, Corruption] = {
+    "static_clean": lambda log, _: log,
+    "static_bad_rows": _bad_rows,
+    "static_turned": _sensor_turned(Rotation.from_euler("z", 180, degrees=True)),
+    "static_world": _in_world,
+}
+"""What tables of static poses have wrong."""
+
+
+def corrupted(log: Log, corrupt: Corruption, seed: int) -> Log:
+    """A log with something done wrong, drawn by its own seed."""
+    return corrupt(log, np.random.default_rng([64, seed]))
+
+
+def heavier(load: Load) -> Load:
+    """Half a kilogram more of the same shape."""
+    return load.scaled(load.mass + 0.5)
+
+
+def opened(load: Load) -> Load:
+    """A gripper that opens: the centre moves by 1 cm."""
+    return Load(load.mass, load.com + np.array([0.004, 0.0, -0.01]), load.inertia)

@@ -293,9 +293,10 @@ def _believed(good: list[Judged], more: Sequence[Judged]) -> list[Judged]:
     plain = [item for item in good if item.agrees]
     if not plain:
         return seen or good
-    best = min(plain, key=lambda item: item.weighing.rms)
-    floor = max(_CLEARLY_LESS * best.weighing.rms, _FLOOR * best.weighing.size)
-    return [item for item in seen if item.weighing.rms < floor] or plain
+    least = min(item.weighing.rms for item in plain)
+    if least <= _FLOOR * plain[0].weighing.size:
+        return plain
+    return [item for item in seen if item.weighing.rms < _CLEARLY_LESS * least] or plain
 
 
 def _simplest(good: Sequence[Judged]) -> list[Judged]:
