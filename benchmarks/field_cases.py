@@ -107,11 +107,11 @@ def wrench_on_load(motion: Motion, load: Load, time: Array) -> Array:
     return np.hstack([turn.inv().apply(force), turn.inv().apply(couple)])
 
 
-def draw_log(seed: int, zero: Array = ZERO) -> Log:
+def draw_log(seed: int, zero: Array = ZERO, seconds: float = SECONDS) -> Log:
     """A log of 15 s at 100 Hz of a drawn load."""
     random = np.random.default_rng([62, seed])
     load, motion = draw_load(random), Motion(random)
-    time = np.arange(round(SECONDS * RATE_HZ)) / RATE_HZ
+    time = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
     place, turn = motion.at(time)
     log = Log(time, place, turn, -wrench_on_load(motion, load, time) + zero, (load,))
     return replace(_with_noise(log, random), load=(load,))

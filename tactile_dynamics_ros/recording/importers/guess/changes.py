@@ -30,7 +30,7 @@ _FEWEST = 300
 
 
 def find_change(measured: Measured) -> float | None:
-    """Time, s, at which forces change at once; None if they do not, or nothing tells it."""
+    """Time, s, of the first row after a change of the forces; None without one, or if untold."""
     if measured.force_time is None or measured.time is None:
         return None
     scene = Scene(replace(measured, change=None))
@@ -48,7 +48,7 @@ def find_change(measured: Measured) -> float | None:
     left = sums.left(np.array([best]))[0]
     if left > _CLEARLY_LESS**2 * min(whole, drifting):
         return None
-    return float(0.5 * (time[best - 1] + time[best]))
+    return float(time[best])
 
 
 def _columns(scene: Scene) -> Array:

@@ -19,7 +19,8 @@ Array = NDArray[np.float64]
 
 SIMPLE, AXIS, TURNED, LEANING, BOTH = range(5)
 """Kinds of geometry, the simplest first: as it is written; gravity along an axis of the world; the
-sensor turned or mirrored; gravity in any direction; both. A later one must explain clearly more."""
+sensor turned or mirrored; gravity in any direction; axes of both exchanged. The first of those
+that fit alike is taken."""
 _LEANS = 0.05
 """Angle, rad, up to which worlds are levelled and sensors screwed on: 3 deg, which the effects
 `gravity_tilt` and `sensor_rotation` find. At 0.02 every base that is not levelled is written as
@@ -27,6 +28,9 @@ one that leans, at 0.1 a mass is wrong by 0.5 %."""
 _EXACT = 0.02
 """Angle, rad, from a right angle up to which a world or a sensor stands at it: ten times what is
 left of one that does. At 0.1 sensors at 5 deg from it would be put straight."""
+_UNSEEN, _AS_WELL = 0.3, 1.02
+"""Angle, rad, from an axis of a direction that poses which turn about one axis alone do not show,
+and misfit over its own up to which gravity acts along that axis: as noise makes misfits differ."""
 AXES = [sign * axis for axis in np.eye(3) for sign in (1.0, -1.0)]
 """Directions along which worlds have up."""
 
@@ -42,6 +46,12 @@ class Geometry:
 
     kind: int
     weighing: Weighing
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether world and sensor stand at right angles."""
+        largest = np.abs(self.weighing.turn).max(axis=1)
+        return self.kind != LEANING and bool(np.allclose(largest, 1.0))
 
 
 def read_gravity(answers: Answers) -> Array | None:
@@ -95,16 +105,31 @@ def others(scene: Scene, answers: Answers) -> Iterator[Geometry]:
         for axes in ("sensor", "world") if turn is None else ("sensor",):
             up = scene.felt_up(axes, turn)
             if up is not None and _angle_between(up, UP) > _LEANS:
-                exact = min(AXES, key=lambda axis: _angle_between(axis, up))
-                near = _angle_between(exact, up) < _EXACT
-                kind = AXIS if near else LEANING
-                yield Geometry(kind, scene.weigh(axes, exact if near else up, turn))
+                yield _falling(scene, axes, up, turn)
     if turn is None:
         for up in AXES if given is None else [given]:
             found = scene.felt_turn(up)
             if found is not None and _angle(found) > _LEANS:
-                kind = BOTH if given is None and up @ UP < 1.0 else TURNED
-                yield Geometry(kind, scene.weigh("sensor", up, _right(found)))
+                also = given is None and up @ UP < 1.0
+                geometry = Geometry(
+                    BOTH if also else TURNED, scene.weigh("sensor", up, _right(found))
+                )
+                if not also or geometry.is_exact:
+                    yield geometry
+
+
+def _falling(scene: Scene, axes: str, up: Array, turn: Array | None) -> Geometry:
+    """Gravity along an axis of the world if that fits as well, else along the direction felt."""
+    exact = min(AXES, key=lambda axis: _angle_between(axis, up))
+    along, felt = scene.weigh(axes, exact, turn), scene.weigh(axes, up, turn)
+    away = _angle_between(exact, up)
+    near = away < _EXACT or (away < _UNSEEN and along.rms < _AS_WELL * felt.rms)
+    return Geometry(AXIS, along) if near else Geometry(LEANING, felt)
+
+
+def say_gravity(up: Array) -> str:
+    """The answer by which a user says that gravity acts along -up."""
+    return "gravity=" + ",".join(f"{-part + 0.0:.4g}" for part in np.round(up, 4))
 
 
 def _right(turn: Array) -> Array:

@@ -57,15 +57,17 @@ def lever_of(scene: Scene, weighing: Weighing) -> float | None:
     return float(np.linalg.norm(moment)) / abs(weighing.mass)
 
 
-def leans(scene: Scene, weighing: Weighing) -> bool:
+def leans(scene: Scene, weighing: Weighing) -> bool | None:
     """Whether forces that point aside are the weight of the load in a world that leans.
 
-    A cable or a spring that pulls aside turns the load too, unless it acts at its centre of mass.
+    A cable or a spring that pulls aside turns the load too, unless it acts at its centre of mass;
+    without torques nothing tells it, and None is returned.
     """
     ratio = weighing.agreement
-    other = ratio is not None and abs(ratio - 1.0) > _SAME_MASS
-    if other or not _is_measured(scene):
+    if ratio is not None and abs(ratio - 1.0) > _SAME_MASS:
         return False
+    if not _is_measured(scene):
+        return None
     signs = torque_signs(scene, weighing)
     alone, beside = (_fit(scene, weighing, signs, pulled)[1] for pulled in (False, True))
     return alone <= _ALIKE * beside
