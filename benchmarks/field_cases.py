@@ -123,7 +123,8 @@ def draw_change(seed: int, change: Callable[[Load], Load], span: tuple[float, fl
     load, motion = draw_load(random), Motion(random)
     time = np.arange(round(SECONDS * RATE_HZ)) / RATE_HZ
     place, turn = motion.at(time)
-    share = np.clip((time - span[0]) / max(span[1] - span[0], 1e-9), 0.0, 1.0)[:, None]
+    width = max(span[1] - span[0], 1e-9)
+    share = np.clip((time - span[0] + 1e-9) / width, 0.0, 1.0)[:, None]
     both = [wrench_on_load(motion, one, time) for one in (load, change(load))]
     wrench = -((1.0 - share) * both[0] + share * both[1]) + ZERO
     return _with_noise(Log(time, place, turn, wrench, (load, change(load))), random)
