@@ -74,7 +74,7 @@ def _faulty(corrupt: Any, draw: Callable[..., Log]) -> Maker:
     return lambda seed: corrupted(draw(seed), corrupt, seed)
 
 
-_MOVING_ONLY = ("world_mirrored", "inverse_pose", "quaternion_order")
+_MOVING_ONLY = ("torque_in_n_cm", "world_mirrored", "inverse_pose", "quaternion_order")
 """Mistakes that a table of static poses does not have or show."""
 _CONVENTION = {
     "force_mirrored": "mirrored_axes",

@@ -253,6 +253,7 @@ def _bad_rows(log: Log, random: np.random.Generator) -> Log:
 CORRUPTIONS: Mapping[str, Corruption] = {
     "force_sign": _scaled(*[-1.0] * 6),
     "torque_sign": _scaled(1, 1, 1, -1, -1, -1),
+    "torque_in_n_cm": _scaled(1, 1, 1, 1e2, 1e2, 1e2),
     "torque_in_n_mm": _scaled(1, 1, 1, 1e3, 1e3, 1e3),
     "force_mirrored_x": _scaled(-1, 1, 1, 1, 1, 1),
     "force_mirrored_y": _scaled(1, -1, 1, 1, 1, 1),

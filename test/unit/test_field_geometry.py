@@ -29,7 +29,13 @@ from tactile_dynamics_ros.recording.importers.csv_mapping import load_yaml, read
 from tactile_dynamics_ros.recording.importers.guess import Answers, guess_tables
 
 SECONDS = 7.0
-UNTOLD_BY_REST = ("world_mirrored", "inverse_pose", "quaternion_order", "torque_sign")
+UNTOLD_BY_REST = (
+    "torque_in_n_cm",
+    "world_mirrored",
+    "inverse_pose",
+    "quaternion_order",
+    "torque_sign",
+)
 """Mistakes that a table without time does not show: a mirror image rests alike."""
 WORDS = {
     "force_mirrored_x": "x of the force alone",
@@ -39,6 +45,7 @@ WORDS = {
     "base_tilted": "9",
     "sensor_turned_90": "90 deg about z",
     "inverse_pose": "position too",
+    "torque_in_n_cm": "tx .. tz in N cm",
 }
 
 

@@ -57,6 +57,22 @@ def lever_of(scene: Scene, weighing: Weighing) -> float | None:
     return float(np.linalg.norm(moment)) / abs(weighing.mass)
 
 
+def torque_size(scene: Scene, weighing: Weighing) -> tuple[float, float] | None:
+    """Size of the unit of torques, in units of the force times m, and its standard deviation.
+
+    That by which the first moment of the torques becomes the one that turning shows in the forces;
+    None where turning does not show it.
+    """
+    if not _is_measured(scene):
+        return None
+    moment, _ = _fit(scene, weighing, torque_signs(scene, weighing))
+    side = min(weighing.sides, key=lambda one: float(np.max(one.moment_std)))
+    weight = (moment / side.moment_std) ** 2
+    std = float(np.sum(weight)) ** -0.5 if np.any(weight) else np.inf
+    size = float(np.sum(moment * side.moment / side.moment_std**2)) * std**2
+    return (size, std) if np.isfinite(std) and size > _CLEAR * std else None
+
+
 def leans(scene: Scene, weighing: Weighing) -> bool | None:
     """Whether forces that point aside are the weight of the load in a world that leans.
 

@@ -30,7 +30,7 @@ from tactile_dynamics_ros.recording.importers.guess.sources import (
     rows_jump,
 )
 from tactile_dynamics_ros.recording.importers.guess.times import TimeColumn
-from tactile_dynamics_ros.recording.importers.guess.torques import lever_of
+from tactile_dynamics_ros.recording.importers.guess.torques import lever_of, torque_size
 from tactile_dynamics_ros.recording.importers.guess.weight import Measured, Windows
 
 Array = NDArray[np.float64]
@@ -39,6 +39,9 @@ _LONGEST_LEVER, _SURE_LEVER = 0.6, 1.5
 """Distance, m, of a load's centre of mass from its sensor that is usual, and one that is none:
 torques that ask for more are in smaller units, and between them it is asked."""
 
+_SAME_UNIT = 0.05
+"""Share by which the first moment of torques in a unit may differ from what turning shows in
+the forces: N cm and lbf in are 12 % apart."""
 _OTHER_LOAD = 0.02
 """Share by which the mass steps where it is said that the load changes: a zero that steps alone
 leaves 0.3 %, and who hands over something lighter is told of the zero."""
@@ -301,6 +304,13 @@ class WristGuess:
             return self.answers.choose("torque_unit", UNITS["torque"], "")
         if torque.unit in UNITS["torque"]:
             return torque.unit
+        told = torque_size(judged.scene, judged.weighing)
+        if told is not None:
+            size, std = (force_factor * part for part in told)
+            near = max(_SAME_UNIT * size, 3.0 * std)
+            fitting = {f: u for u, f in reversed(UNITS["torque"].items()) if abs(f - size) < near}
+            if len(fitting) == 1:
+                return next(iter(fitting.values()))
         found = lever_of(judged.scene, judged.weighing)
         if found is None:
             return "N m"
