@@ -38,8 +38,6 @@ _STEPS = 4
 """Advice that is followed at most before somebody gives up."""
 _WITHIN_STD, _WITHIN_SHARE = 3.0, 0.005
 """Error of a mass that is right: 3 standard deviations, or half a percent."""
-_ZERO = ("force_bias",)
-"""Effects of a wrist sensor's model from the start."""
 _SAY = re.compile(r"--say (?:'([^']+)'|(\S+?)[;,.)]?(?:\s|$))")
 
 Maker = Callable[[int], Log]
@@ -91,6 +89,10 @@ _CONVENTION = {
 """Names that are right, by the beginning of a kind."""
 
 
+_EXPECTED = {"low_pass_10_hz": ("sensor_lag",), "zeroed": ("sensor_zeroed",)}
+"""Effects and events that are behind a fault."""
+
+
 def _names_of(kind: str) -> tuple[str, ...]:
     return tuple({name for start, name in _CONVENTION.items() if kind.startswith(start)}) or (kind,)
 
@@ -113,12 +115,23 @@ def _cases() -> list[Case]:
         for name in CORRUPTIONS
         for end, zero in zeros
     ]
-    found += [Case(name, _faulty(corrupt, draw_log)) for name, corrupt in FAULTS.items()]
+    found += [
+        Case(name, _faulty(corrupt, draw_log), _EXPECTED.get(name, ()))
+        for name, corrupt in FAULTS.items()
+    ]
     found += [Case(name, _faulty(corrupt, draw_static)) for name, corrupt in STATIC_FAULTS.items()]
     found += [
         Case("no_torque", draw_log, torque=False),
-        Case("payload_change", lambda seed: draw_change(seed, heavier, (7.0, 7.0))),
-        Case("gripper_opens", lambda seed: draw_change(seed, opened, (9.0, 10.0))),
+        Case(
+            "payload_change",
+            lambda seed: draw_change(seed, heavier, (7.0, 7.0)),
+            ("payload_change",),
+        ),
+        Case(
+            "gripper_opens",
+            lambda seed: draw_change(seed, opened, (9.0, 10.0)),
+            ("payload_change", "grasp_shift"),
+        ),
     ]
     return found
 
@@ -148,7 +161,7 @@ def follow(table: Path, mapping: Path, bag: Path, guessed: bool) -> dict[str, An
     else:
         mapping.write_text(_PLAIN)
     ask_command(["import", "csv", str(mapping), str(bag)])
-    effects, read = list(_ZERO), list[str]()
+    effects, read = list[str](), list[str]()
     document: dict[str, Any] = {}
     for _ in range(_STEPS):
         answer = ask_command(["diagnose", str(bag), *_options(effects, read)])
