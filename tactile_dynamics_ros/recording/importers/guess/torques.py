@@ -77,8 +77,8 @@ def leans(scene: Scene, weighing: Weighing) -> bool | None:
     """Whether forces that point aside are the weight of the load in a world that leans.
 
     A cable or a spring that pulls aside turns the load too, unless it acts at its centre of mass;
-    without torques nothing tells it, and None is returned. Accelerations, where
-    a motion is given, must show the same mass.
+    without torques nothing tells it, and None is returned. Where positions are known, accelerations
+    must show the same mass.
     """
     ratio = weighing.agreement
     if ratio is None and scene.measured.time is not None and scene.measured.position is not None:
