@@ -35,4 +35,4 @@ def ask_command(arguments: Sequence[str]) -> Answer:
     seconds = time.perf_counter() - begin
     text = printed.getvalue().strip()
     answer = json.loads(text) if text else None
-    return Answer(code, answer, complained.getvalue().strip()[-300:], seconds)
+    return Answer(code, answer, complained.getvalue().strip()[-1000:], seconds)

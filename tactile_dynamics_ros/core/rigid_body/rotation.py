@@ -214,6 +214,19 @@ def nearest_rotation(matrices: Array) -> Array:
     return np.asarray(left @ right)
 
 
+def upright(gravity: Array) -> Array:
+    """The least rotation (3, 3) that takes the direction (3,) of gravity to -z.
+
+    Args:
+        gravity: of any length but zero.
+    """
+    x, y, z = gravity / np.linalg.norm(gravity)
+    if z > 1.0 - 1e-12:
+        return np.diag([1.0, -1.0, -1.0])
+    turn = skew(np.array([-y, x, 0.0]))
+    return np.asarray(np.eye(3) + turn + turn @ turn / (1.0 - z))
+
+
 def are_rotations(matrices: Array) -> NDArray[np.bool_]:
     """Which of (N, 3, 3) have R^T R = I, to two digits; mirrored ones have it too."""
     defect = np.abs(np.einsum("nji,njk->nik", matrices, matrices) - np.eye(3)).max(axis=(1, 2))

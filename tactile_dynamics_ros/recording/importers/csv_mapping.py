@@ -27,14 +27,15 @@ from tactile_dynamics_ros.recording.importers.fields import (
 from tactile_dynamics_ros.recording.importers.importer import Importer
 from tactile_dynamics_ros.recording.importers.joint_angles import KEYS, read_link
 from tactile_dynamics_ros.recording.importers.tables import Table, read_table
+from tactile_dynamics_ros.recording.importers.worlds import WORLD_KEYS, World, read_world
 from tactile_dynamics_ros.recording.pushed import PushedRecording, Support
 from tactile_dynamics_ros.recording.recording import Recording
 
 Array = NDArray[np.float64]
 
-SECTIONS = frozenset(
-    ["object_pose", "object_imu", "contacts", "contact_frame", "static_poses", "world_rotation"]
-    + ["link_2_pose", "support"]
+SECTIONS = WORLD_KEYS | frozenset(
+    ["object_pose", "object_imu", "contacts", "contact_frame", "static_poses", "link_2_pose"]
+    + ["support"]
 )
 
 
@@ -77,9 +78,7 @@ def read_mapping(
             f"{source}: unknown key '{unknown[0]}'; expected {', '.join(sorted(SECTIONS))}"
         )
     tables = _Tables(folder)
-    world = np.eye(3)
-    if "world_rotation" in mapping:
-        world = constant_rotation(f"{source}: world_rotation", mapping["world_rotation"])
+    world = read_world(source, mapping)
     if "static_poses" in mapping:
         held = _static(source, mapping, tables, world)
         return replace(held, source=source, problems=tables.problems() | held.problems)
@@ -141,22 +140,18 @@ class _Tables:
         }
 
 
-def _streams(mapping: Mapping[str, Any], source: str, tables: _Tables, world: Array) -> Recording:
+def _streams(mapping: Mapping[str, Any], source: str, tables: _Tables, world: World) -> Recording:
     """Return the recording of streams with stamps."""
     frame, contacts = _contacts(mapping, source, tables, world)
     pose, imu = (
-        tables.stream(f"{source}: {key}", mapping[key]) if mapping.get(key) else None
+        world.turned(tables.stream(f"{source}: {key}", mapping[key])) if mapping.get(key) else None
         for key in ("object_pose", "object_imu")
     )
-    if pose is not None:
-        pose = _turned(pose, world)
-    if imu is not None and "rotation" in imu:
-        imu["rotation"] = world @ imu["rotation"]
     return Recording.from_arrays(contacts, pose, imu, contact_frame=frame, source=source)
 
 
 def _contacts(
-    mapping: Mapping[str, Any], source: str, tables: _Tables, world: Array
+    mapping: Mapping[str, Any], source: str, tables: _Tables, world: World
 ) -> tuple[str, dict[str, dict[str, Any]]]:
     """Return the frame of the contacts and their arrays."""
     frame = str(mapping.get("contact_frame", "world"))
@@ -169,12 +164,12 @@ def _contacts(
         arrays = tables.stream(where, section, frozenset(["pose"]))
         if "pose" in section:
             arrays |= _place(f"{where}.pose", section["pose"], tables)
-        contacts[str(name)] = _turned(arrays, world) if frame == "world" else arrays
+        contacts[str(name)] = world.turned(arrays) if frame == "world" else arrays
     return frame, contacts
 
 
 def _pushes(
-    mapping: Mapping[str, Any], source: str, tables: _Tables, world: Array
+    mapping: Mapping[str, Any], source: str, tables: _Tables, world: World
 ) -> PushedRecording:
     """Return the recording of an object on a support."""
     frame, contacts = _contacts(mapping, source, tables, world)
@@ -186,7 +181,7 @@ def _pushes(
         if "position_std" in arrays:
             arrays["point_std"] = arrays.pop("position_std")
     links = [
-        _turned(tables.stream(f"{source}: {key}", mapping[key]), world)
+        world.turned(tables.stream(f"{source}: {key}", mapping[key]))
         for key in ("object_pose", "link_2_pose")
         if mapping.get(key)
     ]
@@ -217,23 +212,10 @@ def _place(where: str, section: Any, tables: _Tables) -> dict[str, Any]:
     return arrays
 
 
-def _turned(arrays: dict[str, Any], world: Array) -> dict[str, Any]:
-    """Return arrays in a world whose z points up."""
-    if np.array_equal(world, np.eye(3)):
-        return arrays
-    found = dict(arrays)
-    for key in ("position", "force", "torque", "normal"):
-        if key in found:
-            found[key] = found[key] @ world.T
-    if "rotation" in found:
-        found["rotation"] = world @ found["rotation"]
-    return found
-
-
-def _static(source: str, mapping: Mapping[str, Any], tables: _Tables, world: Array) -> Recording:
+def _static(source: str, mapping: Mapping[str, Any], tables: _Tables, world: World) -> Recording:
     """Return the recording of a table of static poses."""
     where, section = f"{source}: static_poses", mapping["static_poses"]
-    unused = sorted(set(mapping) - {"static_poses", "contact_frame", "world_rotation"})
+    unused = sorted(set(mapping) - {"static_poses", "contact_frame"} - WORLD_KEYS)
     if unused:
         raise BadInputError(f"{source}: '{unused[0]}' beside static_poses, which are all there is")
     arrays = tables.stream(where, section, frozenset(["contact"]))
@@ -247,11 +229,8 @@ def _static(source: str, mapping: Mapping[str, Any], tables: _Tables, world: Arr
         key: float(np.mean(arrays[key])) for key in ("force_std", "torque_std") if key in arrays
     }
     frame = str(mapping.get("contact_frame", "object"))
-    arrays = (
-        _turned(arrays, world)
-        if frame == "world"
-        else arrays | {"rotation": world @ arrays["rotation"]}
-    )
+    own = {"rotation"} if frame == "object" else set(arrays)
+    arrays |= world.turned({key: arrays[key] for key in own})
     return Recording.from_static_poses(
         arrays["force"],
         arrays.get("torque"),

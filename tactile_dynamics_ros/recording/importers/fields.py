@@ -56,9 +56,9 @@ TURNED = ("force", "torque", "specific_force", "angular_velocity", "normal")
 """Vectors in the sensor's axes, which `sensor_rotation` turns."""
 EULER_ORDERS = frozenset(a + b + c for a in "xyz" for b in "xyz" for c in "xyz" if a != b != c)
 """Orders of axes: small letters about axes that stay, capitals about those that turn along."""
-_OPTIONS = frozenset(
-    ["columns", "constant", "unit", "scale", "order", "inverse", "rate_hz", "plane"]
-)
+_OPTIONS = frozenset(["columns", "constant", "unit", "scale"])
+"""Options of every field. A misspelt one is refused, and so is one that a field has no use for."""
+_PLANE, _INVERSE = frozenset(["plane"]), frozenset(["inverse"])
 
 
 def read_stream(
@@ -84,6 +84,7 @@ def read_stream(
         if name in arrays:
             raise BadInputError(f"{where}.{key}: the orientation is given twice")
         arrays[name] = read_field(f"{where}.{key}", key, entry, table)
+    _turn_position(where, section, arrays)
     delay = _number(f"{where}.delay", section.get("delay", 0.0))
     for key in ("time", "pose_time"):
         if key in arrays:
@@ -96,6 +97,20 @@ def read_stream(
     return arrays
 
 
+def _turn_position(where: str, section: Mapping[str, Any], arrays: dict[str, Any]) -> None:
+    """Put a position that was written in the body's axes, as that of the world's origin, right.
+
+    Raises:
+        BadInputError: no orientation stands beside it.
+    """
+    entry = section.get("position")
+    if not isinstance(entry, Mapping) or not entry.get("inverse", False):
+        return
+    if "rotation" not in arrays:
+        raise BadInputError(f"{where}.position.inverse: expected an orientation beside it")
+    arrays["position"] = -(arrays["rotation"] @ arrays["position"][..., None])[..., 0]
+
+
 def read_field(where: str, key: str, entry: Any, table: Table) -> Any:
     """Return one field: columns of the table, or a constant."""
     if key not in FIELDS:
@@ -104,13 +119,23 @@ def read_field(where: str, key: str, entry: Any, table: Table) -> Any:
     entry = entry if isinstance(entry, Mapping) else {"constant": entry}
     if set(entry) == {"rate_hz"} and quantity == "time":
         return np.arange(len(table.values)) / _number(f"{where}.rate_hz", entry["rate_hz"])
-    unknown = sorted(set(entry) - _OPTIONS)
-    if unknown or ("columns" in entry) == ("constant" in entry):
+    allowed = _OPTIONS - {"scale"} if quantity == "time" else _OPTIONS | _own_options(key)
+    if unknown := sorted(set(entry) - allowed):
+        raise BadInputError(f"{where}.{unknown[0]}: expected {', '.join(sorted(allowed))}")
+    if ("columns" in entry) == ("constant" in entry):
         raise BadInputError(f"{where}: expected columns: [...] or a constant, with unit and scale")
     values = _values(where, key, entry, table, (quantity, width))
     if key in ORIENTATIONS:
         return _rotations(where, key, entry, values)
     return values[:, 0] if width == 1 and values.ndim == 2 else values
+
+
+def _own_options(key: str) -> frozenset[str]:
+    """Options that a field has besides those of every field."""
+    if key in ORIENTATIONS:
+        return _INVERSE | {"order"} if key in ("quaternion", "rotation", "euler") else _INVERSE
+    flat = _PLANE if FIELDS[key][1] == 3 else frozenset()
+    return flat | _INVERSE if key == "position" else flat
 
 
 def _values(
@@ -120,7 +145,7 @@ def _values(
     quantity, width = kind
     if quantity == "time" and "columns" in entry:
         return _time(where, entry, table)[:, None]
-    factor = _unit(where, quantity, entry) * _scale(where, entry.get("scale", 1.0))
+    factor = _unit(where, quantity, entry) * _scale(where, entry.get("scale", 1.0), width)
     if "constant" in entry:
         return np.asarray(factor * _constant(where, entry["constant"]))
     names = _names(entry)
@@ -220,9 +245,11 @@ def _unit(where: str, quantity: str, entry: Mapping[str, Any]) -> float:
     return known[unit]
 
 
-def _scale(where: str, value: Any) -> Any:
+def _scale(where: str, value: Any, width: int) -> Any:
     """Return one factor, or one per axis."""
     if isinstance(value, list | tuple):
+        if len(value) != width:
+            raise BadInputError(f"{where}.scale: {len(value)} factors; expected {width}")
         return np.array([_number(f"{where}.scale", part) for part in value])
     return _number(f"{where}.scale", value)
 

@@ -82,6 +82,8 @@ LAYOUTS: dict[str, Layout] = _by_name(
     fresh.static_matrices,
     fresh.simulator,
     fresh.tags,
+    fresh.turned_sensor,
+    fresh.left_handed,
 )
 """Layouts by name, on which the guess was made."""
 UNSEEN: dict[str, Layout] = _by_name(
@@ -110,8 +112,6 @@ UNSEEN: dict[str, Layout] = _by_name(
 UNTOLD: dict[str, Layout] = _by_name(
     others.no_time,
     others.compensated,
-    fresh.turned_sensor,
-    fresh.left_handed,
 )
 """Layouts that lack what no guess can know: it has to ask."""
 STATIC = frozenset(

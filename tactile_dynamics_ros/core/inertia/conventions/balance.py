@@ -213,6 +213,11 @@ def _share_left(left: Array, signal: Array) -> float:
     return float(np.log(max(np.sqrt(np.mean(centred**2)) / max(size, 1e-300), _LEAST_LEFT)))
 
 
+def net_force(streams: Streams) -> Array:
+    """Sum (N, 3) of the forces of contacts that share their stamps, world axes."""
+    return np.asarray(np.sum([contact.force for contact in streams.contacts.values()], axis=0))
+
+
 def _wrench(streams: Streams, motion: Motion) -> tuple[Array, Array, Array]:
     """What the contacts transmit, body axes.
 

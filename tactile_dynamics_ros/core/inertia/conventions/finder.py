@@ -13,6 +13,7 @@ from tactile_dynamics_ros.core.discrepancy.search import DiagnosisConfig
 from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, fits_equally, held_out
 from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import noise_floor
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
+from tactile_dynamics_ros.core.inertia.conventions.poses import falling, write_direction
 from tactile_dynamics_ros.core.inertia.conventions.ranking import (
     ALIKE,
     Ranked,
@@ -142,11 +143,14 @@ def assumed(streams: Streams, name: str) -> tuple[Streams, Reading]:
 
     Args:
         streams: as recorded.
-        name: one of `CONVENTIONS`.
+        name: one of `CONVENTIONS`; ``gravity_direction=X,Y,Z`` sets the direction.
 
     Raises:
         BadInputError: there is no such convention, or this recording cannot be read so.
     """
+    if name.startswith("gravity_direction="):
+        reading = _stated_gravity(name)
+        return reading.apply(streams), reading
     if name not in CONVENTIONS:
         raise BadInputError(f"--assume {name}: expected one of {', '.join(CONVENTIONS)}")
     ranked = Readings.of(streams, (name,)).alone.ranked
@@ -156,6 +160,24 @@ def assumed(streams: Streams, name: str) -> tuple[Streams, Reading]:
         )
     reading = _commonest(ranked)[0].reading
     return reading.apply(streams), reading
+
+
+def _stated_gravity(words: str) -> Reading:
+    """Gravity along the direction that the user states.
+
+    Raises:
+        BadInputError: it is none.
+    """
+    try:
+        direction = np.array([float(part) for part in words.partition("=")[2].split(",")])
+    except ValueError:
+        direction = np.zeros(0)
+    if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
+        raise BadInputError(
+            f"--assume {words}: expected three numbers, as gravity_direction=0,-1,0"
+        )
+    direction = direction / np.linalg.norm(direction)
+    return falling(f"along {write_direction(direction)}", direction)
 
 
 def _is_certain(ranking: Ranking) -> bool:

@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from tactile_dynamics_ros.core.inertia.conventions.angles import angle_readings
+from tactile_dynamics_ros.core.inertia.conventions.gravity import felt_gravity
 from tactile_dynamics_ros.core.inertia.conventions.reading import (
     Reading,
     of_contacts,
     turned_world,
     with_pose,
 )
+from tactile_dynamics_ros.core.rigid_body.rotation import upright
 from tactile_dynamics_ros.core.streams.streams import ContactStream, PoseStream, Streams
 
 Array = NDArray[np.float64]
@@ -35,8 +37,8 @@ _GRAVITY = {
     "along y": (0.0, 1.0, 0.0),
     "along -y": (0.0, -1.0, 0.0),
 }
-"""Directions of gravity in a world whose z is not up. The axes are all that people choose; a world
-that is tilted otherwise is not found, each direction more costs a reading to be weighed."""
+"""Directions of gravity in a world whose z is not up, which people choose. Others are read off the
+forces; each direction more costs a reading to be weighed."""
 _WHERE = {True: "of contacts too", False: "contacts are right as they are"}
 """How a reading of the pose says whether contacts were put into the world by it. Words for people,
 no number."""
@@ -44,7 +46,10 @@ no number."""
 
 def pose_readings(streams: Streams) -> list[Reading]:
     """Readings of the pose of the object and of all stamps."""
-    found = [_falling(where, direction) for where, direction in _GRAVITY.items()]
+    found = [falling(where, np.array(direction)) for where, direction in _GRAVITY.items()]
+    felt = felt_gravity(streams)
+    if felt is not None:
+        found.append(falling(f"along {write_direction(felt)}", felt))
     found += [
         Reading("time_unit", f"stamps are in {unit}, not s", partial(slower, scale=scale))
         for unit, scale in _TIMES.items()
@@ -76,19 +81,15 @@ def slower(streams: Streams, scale: float) -> Streams:
     return replace(found, pose=pose, imu=imu)
 
 
-def _falling(where: str, direction: tuple[float, float, float]) -> Reading:
-    turn = _to_down(np.array(direction))
+def falling(where: str, direction: Array) -> Reading:
+    """Gravity along a direction (3,) of the recorded world."""
     text = f"gravity acts {where} in the recorded world, whose z is not up"
-    return Reading("gravity_direction", text, partial(turned_world, turn=turn))
+    return Reading("gravity_direction", text, partial(turned_world, turn=upright(direction)))
 
 
-def _to_down(direction: Array) -> Array:
-    """A rotation (3, 3) by right angles that takes a direction to -z."""
-    down = np.array([0.0, 0.0, -1.0])
-    axis = np.cross(direction, down)
-    if not axis.any():
-        return np.diag([1.0, -1.0, -1.0]) if direction @ down < 0.0 else np.eye(3)
-    return np.asarray(np.round(Rotation.from_rotvec(0.5 * np.pi * axis).as_matrix()))
+def write_direction(direction: Array) -> str:
+    """``(0.352, -0.763, 0.542)``, as `--assume gravity_direction=` takes it without brackets."""
+    return f"({', '.join(f'{part:.3f}' for part in direction)})"
 
 
 def _turned(name: str, text: str, turn: Turn, carried: bool) -> Reading:

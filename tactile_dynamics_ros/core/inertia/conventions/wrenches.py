@@ -148,6 +148,22 @@ def _axes(frame: str, torque: bool) -> list[Reading]:
         if torque:
             other = partial(turned_wrenches, frame=frame, by_force=matrix, by_torque=-matrix)
             found.append(Reading("mirrored_axes", f"{text}, torques of the other hand", other))
+    return found + (_mirrored_alone(frame) if torque else [])
+
+
+def _mirrored_alone(frame: str) -> list[Reading]:
+    """One axis of the forces or of the torques alone points the other way, both negated or not."""
+    found = []
+    for sign, also in ((1.0, ""), (-1.0, ", all else negated")):
+        for axis, letter in enumerate("xyz"):
+            mirror = sign * (np.eye(3) - 2.0 * np.diag(np.eye(3)[axis]))
+            for what, force, torque in (
+                ("forces", mirror, sign * np.eye(3)),
+                ("torques", sign * np.eye(3), mirror),
+            ):
+                apply = partial(turned_wrenches, frame=frame, by_force=force, by_torque=torque)
+                text = f"{letter} of the {what} alone points the other way, {frame} axes{also}"
+                found.append(Reading("mirrored_axes", text, apply))
     return found
 
 

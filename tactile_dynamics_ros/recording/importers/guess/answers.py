@@ -18,6 +18,8 @@ KNOWN = {
     "force_unit": "N, mN, kN, kgf or lbf",
     "torque_unit": "N m, N mm or so",
     "frame": "axes of the forces: sensor or world",
+    "gravity": "direction in which things fall in the world of the poses, as 0,-1,0",
+    "sensor_rotation": "Euler angles xyz, deg, of a sensor that is mounted turned, as 0,0,90",
     "reads": "load (the sensor reads the load's weight) or object (forces on the object)",
 }
 """Keys of answers and what they mean."""

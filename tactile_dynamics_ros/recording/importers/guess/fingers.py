@@ -12,7 +12,11 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.recording.importers.fields import UNITS
 from tactile_dynamics_ros.recording.importers.guess.answers import Answers, Question
 from tactile_dynamics_ros.recording.importers.guess.groups import Group
-from tactile_dynamics_ros.recording.importers.guess.orientations import choose_reading, readings_of
+from tactile_dynamics_ros.recording.importers.guess.orientations import (
+    Reading,
+    choose_reading,
+    readings_of,
+)
 from tactile_dynamics_ros.recording.importers.guess.sources import Source, choose_group
 from tactile_dynamics_ros.recording.importers.guess.weight import Measured
 
@@ -70,14 +74,13 @@ def held_mapping(
     position = UNITS["length"][unit] * source.table.columns(*place.columns)
     total = np.sum([source.table.columns(*finger.force.columns) for finger in fingers], axis=0)
 
-    def measured_under(rotation: Array) -> Measured:
+    def measured_under(reading: Reading, rotation: Array) -> Measured:
         stamps = source.time.values if source.time else None
         return Measured(total, stamps, rotation, stamps, position)
 
-    readings = readings_of(turn, source.table)
-    judged = choose_reading(readings, source.table, measured_under, answers, "all fingers together")
-    if judged.up != "z":
-        raise Question(f"{judged.up} of the file's world points up: turn it, so that z does")
+    readings = [r for r in readings_of(turn, source.table) if not r.inside]
+    what = "all fingers together"
+    judged = choose_reading(readings, source.table, measured_under, answers, what, False)
     frame = "object" if judged.weighing.axes == "sensor" else "world"
     _require_places(source, fingers, position, judged.rotation, frame)
     sign = 1.0 if judged.weighing.mass > 0.0 else -1.0

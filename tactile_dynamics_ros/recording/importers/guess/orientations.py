@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from tactile_dynamics_ros.core.rigid_body.rotation import log_so3
+from tactile_dynamics_ros.core.numerics.noise import white_noise_std
+from tactile_dynamics_ros.core.rigid_body.rotation import log_so3, upright
 from tactile_dynamics_ros.recording.importers.fields import read_field
 from tactile_dynamics_ros.recording.importers.guess.answers import Answers, Question
+from tactile_dynamics_ros.recording.importers.guess.geometry import (
+    LEANING,
+    Geometry,
+    others,
+    say_gravity,
+    simple,
+)
 from tactile_dynamics_ros.recording.importers.guess.groups import Group
-from tactile_dynamics_ros.recording.importers.guess.weight import Measured, Scene, Weighing
+from tactile_dynamics_ros.recording.importers.guess.torques import leans
+from tactile_dynamics_ros.recording.importers.guess.weight import GRAVITY, Measured, Scene, Weighing
 from tactile_dynamics_ros.recording.importers.tables import Table
 
 Array = NDArray[np.float64]
@@ -29,10 +37,15 @@ _FLOOR = 0.005
 """Misfit over the size of the forces below which readings agree perfectly: exports round."""
 _TURN_IN_RADIANS = 6.4
 """Largest angle that is written in radians: a full turn, and rounding."""
-_CLEARLY_LESS, _TURNED = 0.5, 0.05
-"""Misfit with a turned sensor over that without, and angle, rad, from which it is asked if the
-sensor is turned. Noise lowers the misfit by 1 %; sensors are screwed on to 3 degrees, which the
-effect `sensor_rotation` finds."""
+_CLEARLY_LESS = 0.5
+"""Misfit of another geometry over that of what is written, from which it is believed: noise lowers
+it by 1 %, effects of the catalogue by a third."""
+_FINE = 0.05
+"""Misfit over the weight up to which another geometry is believed: of noise, taps and sensors of
+coarse steps less is left. At 0.15 a spring of 30 N/m is a sensor turned by 13 deg, upside down."""
+_AGREEMENT = (0.3, 3.0)
+"""Mass by acceleration over mass by weight between which units and clock are right. Noise of poses
+makes it smaller than 1; wrong units make it a thousandth or a thousand, a wrong side of up -1."""
 _OWN_WEIGHT = 0.2
 """Weight over constant part of the forces below which the constant part may be the weight, seen in
 other axes."""
@@ -46,26 +59,24 @@ class Reading:
         label: in words, also for answers.
         key: field of a mapping; entry: its content.
         natural: whether names or habits of loggers mean it.
+        inside: whether the position is that of the world's origin in the body's axes.
     """
 
     label: str
     key: str
     entry: dict[str, Any]
     natural: bool
+    inside: bool = False
 
     def rotations(self, table: Table) -> Array:
         """(N, 3, 3) body to world."""
         return np.asarray(read_field(table.source, self.key, self.entry, table))
 
-    def inverted(self) -> Reading:
-        """Return the reading as world to body."""
+    def inverted(self, inside: bool = False) -> Reading:
+        """Return the reading as world to body, of the whole pose if the position is `inside`."""
         entry = {**self.entry, "inverse": True}
-        return Reading(f"{self.label}, world to body", self.key, entry, False)
-
-
-WORLDS: dict[str, tuple[float, float, float]] = {"z": (0.0, 0.0, 0.0), "y": (90.0, 0.0, 0.0)}
-"""Axis of the file's world that points up, and Euler angles xyz, deg, that make it z. Cameras for
-motion capture have y up; all else z."""
+        label = f"{self.label}, world to body" + (", position too" if inside else "")
+        return Reading(label, self.key, entry, False, inside)
 
 
 @dataclass(frozen=True)
@@ -74,16 +85,29 @@ class Judged:
 
     Attributes:
         reading: of the orientation.
-        rotation: (N, 3, 3) under it, in a world whose z points up.
-        weighing: the load; scene: the motion.
-        up: axis of the file's world that points up.
+        geometry: how world and sensor lie, and the load.
+        scene: the motion.
     """
 
     reading: Reading
-    rotation: Array
-    weighing: Weighing
+    geometry: Geometry
     scene: Scene
-    up: str = "z"
+
+    @property
+    def weighing(self) -> Weighing:
+        """The load."""
+        return self.geometry.weighing
+
+    @property
+    def rotation(self) -> Array:
+        """(N, 3, 3) body to a world whose z points up."""
+        return np.asarray(upright(-self.weighing.up) @ self.scene.measured.rotation)
+
+    @property
+    def agrees(self) -> bool:
+        """Whether weight and acceleration tell one mass, if both are seen."""
+        ratio = self.weighing.agreement
+        return ratio is None or _AGREEMENT[0] < ratio < _AGREEMENT[1]
 
 
 def readings_of(group: Group, table: Table) -> list[Reading]:
@@ -100,11 +124,16 @@ def readings_of(group: Group, table: Table) -> list[Reading]:
         "matrix12": _twelve,
         "matrix16": _sixteen,
     }[group.kind](columns, values, group)
-    return [*found, *(reading.inverted() for reading in found)]
+    inverse = [reading.inverted(inside) for inside in (False, True) for reading in found]
+    return [*found, *inverse]
 
 
 def _named_quaternion(columns: list[str], values: Array, group: Group) -> list[Reading]:
-    return [Reading("quaternion", "quaternion", {"columns": columns}, True)]
+    other = {"columns": columns, "order": "wxyz"}
+    return [
+        Reading("quaternion", "quaternion", {"columns": columns}, True),
+        Reading("quaternion wxyz, whatever the names", "quaternion", other, False),
+    ]
 
 
 def _quadruple(columns: list[str], values: Array, group: Group) -> list[Reading]:
@@ -186,11 +215,20 @@ def is_by_rows(values: Array) -> bool:
 def choose_reading(
     readings: Sequence[Reading],
     table: Table,
-    measured_under: Callable[[Array], Measured],
+    measured_under: Callable[[Reading, Array], Measured],
     answers: Answers,
     what: str,
+    geometries: bool = True,
 ) -> Judged:
     """Return the reading and the axes of the forces that agree with gravity.
+
+    Args:
+        readings: of the orientation.
+        table: rows.
+        measured_under: what the table says under a reading and its rotations (N, 3, 3).
+        answers: to questions.
+        what: name of the forces, for people.
+        geometries: whether other ways are tried in which world and sensor may lie.
 
     Raises:
         Question: several agree equally well and mean different things, or none does.
@@ -200,89 +238,99 @@ def choose_reading(
         labels = [reading.label for reading in readings]
         answers.choose("orientation", labels, "")
         readings = [reading for reading in readings if reading.label == wanted]
-    judged = [item for reading in readings for item in _judge(reading, table, measured_under)]
+    scenes = list(_scenes(readings, table, measured_under))
+    judged = [Judged(r, g, scene) for r, scene in scenes for g in simple(scene, answers)]
     axes = answers.get("frame")
     if axes is not None:
         answers.choose("frame", ("sensor", "world"), "")
         judged = [item for item in judged if item.weighing.axes == axes]
-    good = [item for item in judged if item.weighing.seen and _is_load(item.weighing, judged)]
+    good = [item for item in judged if item.weighing.seen and _is_load(item.weighing)]
+    if geometries and not _is_noise(good):
+        placed = [(r, scene) for r, scene in scenes if not r.inside]
+        more = [Judged(r, g, scene) for r, scene in placed for g in others(scene, answers)]
+        good = _believed(good, [item for item in more if axes in (None, item.weighing.axes)])
     if not good:
         if wanted is not None and axes is not None:
             return judged[0]
-        _ask_for_mounting(judged, what)
         answers.choose(
             "orientation",
-            [reading.label for reading in readings],
+            [reading.label for reading in readings if not reading.inside],
             f"the forces of {what} show no weight under any reading of the orientation, so that "
             "axes and signs cannot be tested (say frame=sensor or world too; joint angles "
             "need a yaml file with a URDF)",
         )
-    least = min(item.weighing.rms for item in good)
-    bound = _ALIKE * max(least, _FLOOR * good[0].weighing.size)
-    agreeing = [item for item in good if item.weighing.rms <= bound]
-    upright = [item for item in agreeing if item.up == "z"] or agreeing
-    natural = [item for item in upright if item.reading.natural]
-    best = _only_one(natural or upright, answers, what)
-    if axes is None and _seems_turned(best):
-        _ask_for_mounting([best], what)
+    best = _only_one(_simplest(good), answers, what)
+    if best.geometry.kind == LEANING and leans(best.scene, best.weighing) is None:
+        raise Question(
+            f"the forces of {what} fit if the world of the poses leans, or if something pulls the "
+            "load aside, which no torque tells: answer with --say "
+            f"{say_gravity(best.weighing.up)} or --say gravity=0,0,-1"
+        )
     return best
 
 
-def _seems_turned(best: Judged) -> bool:
-    """Whether a turned sensor would explain the forces much better than one that is not."""
-    mounting = best.scene.mounting() if best.weighing.axes == "sensor" else None
-    if mounting is None or mounting[0] > _CLEARLY_LESS * best.weighing.rms:
+def _scenes(
+    readings: Sequence[Reading],
+    table: Table,
+    measured_under: Callable[[Reading, Array], Measured],
+) -> Iterator[tuple[Reading, Scene]]:
+    """Motions under the readings that are orientations at all."""
+    for reading in readings:
+        rotation = reading.rotations(table)
+        if not np.isfinite(rotation).any():
+            continue
+        defect = np.abs(np.einsum("nij,nkj->nik", rotation, rotation) - np.eye(3)).max(axis=(1, 2))
+        if np.nanmedian(defect) > 0.02:
+            continue
+        rotation = np.where((defect > 0.02)[:, None, None], np.nan, rotation)
+        yield reading, Scene(measured_under(reading, rotation))
+
+
+def _is_noise(good: Sequence[Judged]) -> bool:
+    """Whether what is written, and nothing but the noise of the forces, is seen."""
+    best = min((g for g in good if g.agrees), key=lambda item: item.weighing.rms, default=None)
+    if best is None or not best.reading.natural:
         return False
-    return float(np.linalg.norm(log_so3(mounting[1][None])[0])) > _TURNED
+    return best.weighing.rms <= _noise(best)
 
 
-def _ask_for_mounting(judged: Sequence[Judged], what: str) -> None:
-    """Say how the sensor seems to be turned against the frame of the pose, if that would fit.
+def _noise(judged: Judged) -> float:
+    """What noise and rounding of the forces leave at most, if anything tells it."""
+    time, force = judged.scene.measured.force_time, judged.scene.measured.force
+    noise = 0.0 if time is None else white_noise_std(time, force)
+    return _ALIKE * max(noise, _FLOOR * judged.weighing.size)
 
-    Raises:
-        Question: a constant rotation makes the forces agree.
-    """
-    found = [
-        (*mounting, item)
-        for item in judged
-        if item.weighing.axes == "sensor" and item.up == "z"
-        if (mounting := item.scene.mounting()) is not None
+
+def _believed(good: list[Judged], more: Sequence[Judged]) -> list[Judged]:
+    """What fits as it is written, or what fits clearly better in another geometry."""
+    seen = [m for m in more if m.weighing.seen and _is_load(m.weighing) and m.agrees]
+    seen = [m for m in seen if m.weighing.rms < _FINE * abs(m.weighing.mass) * GRAVITY]
+    seen = [
+        m for m in seen if m.geometry.kind != LEANING or leans(m.scene, m.weighing) is not False
     ]
-    if not found:
-        return
-    _, turn, item = min(found, key=lambda entry: entry[0])
-    angles = Rotation.from_matrix(turn).as_euler("xyz", degrees=True)
-    shown = ", ".join(f"{angle + 0.0:.1f}" for angle in angles)
-    raise Question(
-        f"the forces of {what} agree with gravity only if the sensor is turned against the frame "
-        f"of the pose ({item.reading.label}): is it mounted so? Then write a yaml file with "
-        f"sensor_rotation: {{euler: [{shown}], order: xyz, unit: deg}} (docs/recordings.md)"
-    )
+    plain = [item for item in good if item.agrees]
+    if not plain:
+        return seen or good
+    least = min(item.weighing.rms for item in plain)
+    if least <= _FLOOR * plain[0].weighing.size:
+        return plain
+    clear = [item for item in seen if item.weighing.rms < _CLEARLY_LESS * least]
+    timed = plain[0].scene.measured.force_time is not None
+    sure = [m for m in clear if m.geometry.is_exact or not timed or m.weighing.rms <= _noise(m)]
+    return sure or plain
 
 
-def _judge(
-    reading: Reading, table: Table, measured_under: Callable[[Array], Measured]
-) -> list[Judged]:
-    rotation = reading.rotations(table)
-    if not np.isfinite(rotation).any():
-        return []
-    defect = np.abs(np.einsum("nij,nkj->nik", rotation, rotation) - np.eye(3)).max(axis=(1, 2))
-    if np.nanmedian(defect) > 0.02:
-        return []
-    rotation = np.where((defect > 0.02)[:, None, None], np.nan, rotation)
-    measured = measured_under(rotation)
-    found = []
-    for up, angles in WORLDS.items():
-        turned = measured.upright(Rotation.from_euler("xyz", angles, degrees=True).as_matrix())
-        scene = Scene(turned)
-        found += [
-            Judged(reading, turned.rotation, scene.weigh(axes), scene, up)
-            for axes in ("sensor", "world")
-        ]
-    return found
+def _simplest(good: Sequence[Judged]) -> list[Judged]:
+    """Readings that agree as well as the best, those of the simplest kind and natural first."""
+    size = good[0].weighing.size
+    bound = _ALIKE * max(min(item.weighing.rms for item in good), _FLOOR * size)
+    agreeing = [item for item in good if item.weighing.rms <= bound]
+    least = min((item.reading.inside, item.geometry.kind) for item in agreeing)
+    simplest = [i for i in agreeing if (i.reading.inside, i.geometry.kind) == least]
+    return [item for item in simplest if item.reading.natural] or simplest
 
 
-def _is_load(weighing: Weighing, judged: Sequence[Judged]) -> bool:
+def _is_load(weighing: Weighing) -> bool:
     """False if the forces hardly change, so that their constant part may be the weight."""
     weight = abs(weighing.mass) * 9.81
     return weight > _OWN_WEIGHT * weighing.bias
@@ -312,10 +360,14 @@ def _only_one(agreeing: Sequence[Judged], answers: Answers, what: str) -> Judged
     return best
 
 
+def _marks(judged: Judged) -> tuple[Array | float, ...]:
+    weighing = judged.weighing
+    return weighing.axes == "world", weighing.mass > 0.0, weighing.up, weighing.turn
+
+
 def _means_same(one: Judged, other: Judged) -> bool:
-    if (one.weighing.axes, one.up) != (other.weighing.axes, other.up):
-        return False
-    if (one.weighing.mass > 0.0) != (other.weighing.mass > 0.0):
+    pairs = zip(_marks(one), _marks(other), strict=True)
+    if not all(np.allclose(a, b, atol=_SAME) for a, b in pairs):
         return False
     known = np.isfinite(one.rotation).all(axis=(1, 2)) & np.isfinite(other.rotation).all(
         axis=(1, 2)

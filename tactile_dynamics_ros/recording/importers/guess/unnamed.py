@@ -144,7 +144,7 @@ def _misfit(groups: Groups, table: Table, time: TimeColumn | None) -> float | No
     force = table.columns(*groups.force[0].columns)
     clock = None if time is None else time.values
     found = []
-    for reading in readings_of(groups.turn[0], table):
+    for reading in (r for r in readings_of(groups.turn[0], table) if not r.inside):
         rotation = reading.rotations(table)
         scene = Scene(Measured(force, clock, rotation, clock))
         found += [w for w in (scene.weigh("sensor"), scene.weigh("world")) if w.seen]

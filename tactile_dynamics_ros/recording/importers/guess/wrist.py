@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.recording.importers.fields import UNITS
 from tactile_dynamics_ros.recording.importers.guess.accelerations import read_acceleration
 from tactile_dynamics_ros.recording.importers.guess.answers import Answers, Question
+from tactile_dynamics_ros.recording.importers.guess.changes import find_change
 from tactile_dynamics_ros.recording.importers.guess.groups import Group
+from tactile_dynamics_ros.recording.importers.guess.mounting import Mounting, scale_of
 from tactile_dynamics_ros.recording.importers.guess.orientations import (
-    WORLDS,
     Judged,
+    Reading,
     choose_reading,
     readings_of,
 )
@@ -28,6 +30,7 @@ from tactile_dynamics_ros.recording.importers.guess.sources import (
     rows_jump,
 )
 from tactile_dynamics_ros.recording.importers.guess.times import TimeColumn
+from tactile_dynamics_ros.recording.importers.guess.torques import lever_of, torque_size
 from tactile_dynamics_ros.recording.importers.guess.weight import Measured, Windows
 
 Array = NDArray[np.float64]
@@ -35,9 +38,13 @@ Array = NDArray[np.float64]
 _LONGEST_LEVER, _SURE_LEVER = 0.6, 1.5
 """Distance, m, of a load's centre of mass from its sensor that is usual, and one that is none:
 torques that ask for more are in smaller units, and between them it is asked."""
-_AGREEMENT = (0.3, 3.0)
-"""Mass by acceleration over mass by weight between which units and clock are right. Noise of poses
-makes it smaller than 1; wrong units make it a thousandth or a thousand."""
+
+_SAME_UNIT = 0.05
+"""Share by which the first moment of torques in a unit may differ from what turning shows in
+the forces: N cm and lbf in are 12 % apart."""
+_OTHER_LOAD = 0.02
+"""Share by which the mass steps where it is said that the load changes: a zero that steps alone
+leaves 0.3 %, and who hands over something lighter is told of the zero."""
 
 
 @dataclass(frozen=True)
@@ -69,10 +76,14 @@ class WristGuess:
             return self._without_time(turn, force, torque)
         position = self.poses.position(turn, self.answers)
         judged, timed = self._settle_clock(turn, position, force, torque)
+        timed._note_change(judged)
         pose_time = timed.poses.time
         if pose_time is not None and rows_are_separate(pose_time, judged.rotation):
             return timed._static(force, torque, judged)
         return timed._moving(position, force, torque, judged)
+
+    def _force_unit(self) -> str:
+        return self.answers.get("force_unit") or self._force().unit or "N"
 
     def _force(self) -> Group:
         groups = self.forces.groups.force
@@ -95,7 +106,7 @@ class WristGuess:
             timed._require_overlap()
             tried.append((timed._judge(turn, position, force, torque), timed))
         if len(tried) > 1:
-            agreeing = [pair for pair in tried if _agrees(pair[0])]
+            agreeing = [p for p in tried if p[0].agrees and p[0].weighing.agreement is not None]
             if len(agreeing) != 1:
                 units = self.poses.time.units
                 column = self.poses.time.columns[0]
@@ -145,12 +156,19 @@ class WristGuess:
             place = factor * self.poses.table.columns(*position.columns)
         clock = [None if s.time is None else s.time.values for s in (self.poses, self.forces)]
 
-        windows = Windows()
+        windows, changes = Windows(), list[float | None]()
 
-        def measured_under(rotation: Array) -> Measured:
-            return Measured(read, clock[1], rotation, clock[0], place, about, windows=windows)
+        def measured_under(reading: Reading, rotation: Array) -> Measured:
+            put = place
+            if put is not None and reading.inside:
+                put = -(rotation @ put[..., None])[..., 0]
+            found = Measured(read, clock[1], rotation, clock[0], put, about, windows=windows)
+            if not changes:
+                changes.append(find_change(found))
+            return replace(found, change=changes[0])
 
         readings = readings_of(turn, self.poses.table)
+        readings = [r for r in readings if place is not None or not r.inside]
         return choose_reading(readings, self.poses.table, measured_under, self.answers, force.label)
 
     def _moving(
@@ -169,7 +187,7 @@ class WristGuess:
             frame = "world"
             contact["pose"] = self._place(motion)
         found = {"contact_frame": frame, **motion, "contacts": {"wrist": contact}}
-        return found | self._world(judged)
+        return found | self._mounting(judged).world()
 
     def _place(self, motion: dict[str, Any]) -> dict[str, Any]:
         """Return where a sensor is whose forces are in axes of the world.
@@ -200,13 +218,33 @@ class WristGuess:
         section: dict[str, Any] = {**self.poses.place, "time": self.poses.time.entry}
         return {"object_imu": section | self._orientation(judged) | {"specific_force": entry}}
 
-    def _world(self, judged: Judged) -> dict[str, Any]:
-        """Return what makes the world stand upright, if it does not."""
-        if judged.up == "z":
-            return {}
-        self.note("world", f"{judged.up} of the file's world points up: turned, so that z does")
-        angles = list(WORLDS[judged.up])
-        return {"world_rotation": {"euler": angles, "order": "xyz", "unit": "deg"}}
+    def _mounting(self, judged: Judged) -> Mounting:
+        return Mounting.of(judged.scene, judged.weighing)
+
+    def _signs(self, mounting: Mounting) -> tuple[Array, Array]:
+        """Signs (3,) of forces and of torques, turned round if the user says what is read."""
+        given, found = self.answers.get("reads"), np.sign(np.sum(mounting.force))
+        if given is None:
+            return mounting.force, mounting.torque
+        self.answers.choose("reads", ("load", "object"), "")
+        factor = found if given == "object" else -found
+        return factor * mounting.force, factor * mounting.torque
+
+    def _note_change(self, judged: Judged) -> None:
+        """Say when something changes at once, and what the load was before and is after."""
+        change, sides = judged.scene.measured.change, judged.weighing.sides
+        if change is None or self.forces.time is None:
+            return
+        masses, factor = [abs(side.mass) for side in sides], UNITS["force"][self._force_unit()]
+        steps = factor * (sides[1].bias - sides[0].bias)
+        other = np.ptp(masses) > _OTHER_LOAD * min(masses)
+        what = (
+            " and then ".join(f"{factor * mass:.3g} kg" for mass in masses)
+            if other
+            else (f"the zero of the sensor steps by ({', '.join(f'{s:.3g}' for s in steps)}) N")
+        )
+        time = change - float(self.forces.time.values[0])
+        self.note("change", f"something changes at once at t = {time:.2f} s: {what}")
 
     def _pose(self, position: Group | None, judged: Judged) -> dict[str, Any]:
         """Return the section of the object's pose."""
@@ -218,6 +256,8 @@ class WristGuess:
         else:
             unit = self.poses.length_unit(position, self.answers)
             section["position"] = {"columns": list(position.columns), "unit": unit}
+            if judged.reading.inside:
+                section["position"]["inverse"] = True
             self.note("position", f"{position.label} in {unit}")
         section |= self._orientation(judged)
         return section
@@ -229,28 +269,30 @@ class WristGuess:
 
     def _wrench(self, judged: Judged, force: Group, torque: Group | None) -> dict[str, Any]:
         """Return the fields of force and torque, turned to what acts on the object."""
-        unit = self.answers.get("force_unit") or force.unit or "N"
+        unit = self._force_unit()
         unit = Answers({"force_unit": unit}).choose("force_unit", UNITS["force"], "")
-        given = self.answers.get("reads")
-        if given is not None:
-            self.answers.choose("reads", ("load", "object"), "")
-        on_object = given == "object" if given else judged.weighing.mass > 0.0
-        sign = 1.0 if on_object else -1.0
+        mounting = self._mounting(judged)
+        signs = self._signs(mounting)
         mass = abs(judged.weighing.mass) * UNITS["force"][unit]
-        reads = "acts on the object" if on_object else "is the load on the sensor, sign turned"
+        reads = (
+            "acts on the object" if signs[0][0] > 0.0 else "is the load on the sensor, sign turned"
+        )
         self.note(
             "force",
             f"{force.label} in {unit}, axes of the {judged.weighing.axes}; it {reads}; about "
             f"{mass:.3g} kg",
         )
         fields: dict[str, Any] = {
-            "force": {"columns": list(force.columns), "unit": unit, "scale": sign}
+            "force": {"columns": list(force.columns), "unit": unit, "scale": scale_of(signs[0])}
         }
         if torque is not None:
             found = self._torque_unit(judged, torque, UNITS["force"][unit])
             self.note("torque", f"{torque.label} in {found}, about the sensor's origin")
-            fields["torque"] = {"columns": list(torque.columns), "unit": found, "scale": sign}
-        return fields
+            columns = list(torque.columns)
+            fields["torque"] = {"columns": columns, "unit": found, "scale": scale_of(signs[1])}
+        for label, text in mounting.words.items():
+            self.note(label, text)
+        return fields | mounting.sensor()
 
     def _torque_unit(self, judged: Judged, torque: Group, force_factor: float) -> str:
         """Return the unit of the torque.
@@ -262,10 +304,17 @@ class WristGuess:
             return self.answers.choose("torque_unit", UNITS["torque"], "")
         if torque.unit in UNITS["torque"]:
             return torque.unit
-        found = judged.scene.lever(judged.weighing)
+        told = torque_size(judged.scene, judged.weighing)
+        if told is not None:
+            size, std = (force_factor * part for part in told)
+            near = max(_SAME_UNIT * size, 3.0 * std)
+            fitting = {f: u for u, f in reversed(UNITS["torque"].items()) if abs(f - size) < near}
+            if len(fitting) == 1:
+                return next(iter(fitting.values()))
+        found = lever_of(judged.scene, judged.weighing)
         if found is None:
             return "N m"
-        lever = float(np.linalg.norm(found[0])) / force_factor
+        lever = found / force_factor
         if lever <= _LONGEST_LEVER:
             return "N m"
         if lever > _SURE_LEVER and lever * UNITS["torque"]["N mm"] <= _LONGEST_LEVER:
@@ -309,16 +358,11 @@ class WristGuess:
         found: dict[str, Any] = {"static_poses": section}
         if judged.weighing.axes == "world":
             found["contact_frame"] = "world"
-        return found | self._world(judged)
+        return found | self._mounting(judged).world()
 
 
 def _read_as(time: TimeColumn, unit: str) -> TimeColumn:
     return time.read_as(unit) if len(time.units) > 1 and unit in time.units else time
-
-
-def _agrees(judged: Judged) -> bool:
-    ratio = judged.weighing.agreement
-    return ratio is not None and _AGREEMENT[0] < ratio < _AGREEMENT[1]
 
 
 def _require_agreement(judged: Judged) -> None:
@@ -328,9 +372,9 @@ def _require_agreement(judged: Judged) -> None:
         Question: they do not.
     """
     ratio = judged.weighing.agreement
-    if ratio is not None and not _agrees(judged):
+    if not judged.agrees:
         raise Question(
             f"weight and acceleration tell masses that differ by a factor of {ratio:.2g}: the "
-            "unit of time or of the position is another one, or z of the world points down; "
+            "unit of time or of the position is another one; "
             "answer with --say time_unit=ms (or s, us, ns) or --say position_unit=mm (or cm, m)"
         )
