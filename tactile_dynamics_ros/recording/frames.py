@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.rigid_body.rotation import quaternion_to_matrix
-from tactile_dynamics_ros.core.streams.streams import between_turns
 from tactile_dynamics_ros.recording import topics
-from tactile_dynamics_ros.recording.assembly import PoseColumns, WrenchColumns
 from tactile_dynamics_ros.recording.bag_files import BagTables
 from tactile_dynamics_ros.recording.cdr import MessageTable
 from tactile_dynamics_ros.recording.cleaning import ProblemLog
@@ -105,24 +102,3 @@ def usual_frame(table: MessageTable) -> str:
         return ""
     names, counts = np.unique(table.frame_id, return_counts=True)
     return bytes(names[np.argmax(counts)]).decode("utf-8", "replace")
-
-
-def in_world_axes(wrench: WrenchColumns, pose: PoseColumns) -> WrenchColumns:
-    """Return a wrench of a sensor's own axes in those of the world, turned by the sensor's poses.
-
-    Where no pose is a rotation the wrench is not finite.
-    """
-    length = np.linalg.norm(pose.quaternion, axis=1)
-    known = np.isfinite(pose.time) & np.isfinite(length) & (length > 0.0)
-    if not known.any() or not len(wrench.time):
-        return replace(wrench, force=np.full_like(wrench.force, np.nan))
-    stamps, first = np.unique(pose.time[known], return_index=True)
-    order = np.flatnonzero(known)[first]
-    turned = quaternion_to_matrix(pose.quaternion[order] / length[order, None])
-    time = np.where(np.isfinite(wrench.time), wrench.time, stamps[0])
-    rotation = between_turns(stamps, turned, time)
-    return replace(
-        wrench,
-        force=np.einsum("nij,nj->ni", rotation, wrench.force),
-        torque=np.einsum("nij,nj->ni", rotation, wrench.torque),
-    )

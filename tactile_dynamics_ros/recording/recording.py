@@ -22,7 +22,7 @@ from tactile_dynamics_ros.recording.bag_writer import write_bag
 from tactile_dynamics_ros.recording.cdr import empty_table
 from tactile_dynamics_ros.recording.cleaning import ProblemLog, ranked_lines
 from tactile_dynamics_ros.recording.conventions import doubtful_conventions
-from tactile_dynamics_ros.recording.frames import Frames, in_world_axes
+from tactile_dynamics_ros.recording.frames import Frames
 from tactile_dynamics_ros.recording.namespaces import RecordedNames
 from tactile_dynamics_ros.recording.static_poses import held_poses
 
@@ -284,10 +284,11 @@ class _BagAssembly:
         wrench = topics.wrench_columns(force, read, self._clock)
         return assemble_contact(
             name,
-            in_world_axes(wrench, where) if own else wrench,
+            wrench,
             where,
             None if std_table is None else topics.std_columns(std, std_table, self._clock),
             self._log,
+            sensor_axes=own is not None,
         )
 
     def _world_table(self, topic: str, doubles: int) -> Any:

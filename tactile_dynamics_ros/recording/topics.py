@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.recording.assembly import (
+from tactile_dynamics_ros.recording.cdr import MessageTable
+from tactile_dynamics_ros.recording.cleaning import Mask, ProblemLog, find_not_increasing
+from tactile_dynamics_ros.recording.columns import (
     ImuColumns,
     PoseColumns,
     StdColumns,
     WrenchColumns,
 )
-from tactile_dynamics_ros.recording.cdr import MessageTable
-from tactile_dynamics_ros.recording.cleaning import Mask, ProblemLog, find_not_increasing
 
 Array = NDArray[np.float64]
 
