@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -93,7 +95,7 @@ def rounding_noise(contact: ContactStream, values: Array) -> Array:
     looked = np.linspace(0, len(values) - 1, min(len(values), _MOST_LOOKED_AT)).astype(int)
     turned = between_turns(contact.pose_time, contact.rotation, contact.time[looked])
     along = np.einsum("nji,nj->ni", turned, values[looked])
-    return np.array([quantisation_step(axis) for axis in along.T]) / np.sqrt(12.0)
+    return np.array([quantisation_step(axis) / math.sqrt(12.0) for axis in along.T])
 
 
 def _differences(time: Array, values: Array) -> tuple[Array, NDArray[np.intp]]:
