@@ -57,7 +57,10 @@ class Frames:
         for topic, table in bag.tables.items():
             if topics.topic_kind(topic) == "force" and np.any(table.values[:, 3:]):
                 own = usual_frame(table).lstrip("/")
-                if own not in ("", topics.WORLD, world) and not BASES.fullmatch(own):
+                if bag.types[topic] in (topics.WRENCH, topics.TWIST):
+                    sensors[topic] = "sensor"
+                    notes.append(f"{topic} states no frame: taken in axes of the contact's pose")
+                elif own not in ("", topics.WORLD, world) and not BASES.fullmatch(own):
                     sensors[topic] = own
                     notes.append(f"{topic} is in axes of '{own}': turned by the contact's pose")
         return cls(world, sensors, source, tuple(notes))

@@ -13,12 +13,8 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.reading import read_yaml
-from tactile_dynamics_ros.recording.importers.bag_tables import (
-    TF,
-    is_bag,
-    read_frame,
-    read_topic,
-)
+from tactile_dynamics_ros.recording.importers.bag_frames import TF, read_frame
+from tactile_dynamics_ros.recording.importers.bag_tables import is_bag, read_topic
 from tactile_dynamics_ros.recording.importers.fields import (
     constant_rotation,
     read_field,
@@ -36,6 +32,8 @@ SECTIONS = frozenset(
     ["object_pose", "object_imu", "contacts", "contact_frame", "static_poses", "world_rotation"]
     + ["link_2_pose", "support"]
 )
+PLACE = ("file", "topic", "frame", "base", "field", "stamps")
+"""Keys that say where the table of a section is."""
 
 
 class CsvMappingImporter(Importer):
@@ -105,28 +103,30 @@ class _Tables:
         """
         if not isinstance(section, Mapping) or "file" not in section:
             raise BadInputError(f"{where}: expected a mapping with 'file' and fields")
-        key = tuple(str(section.get(part, "")) for part in ("file", "topic", "frame", "base"))
+        key = tuple(str(section.get(part, "")) for part in PLACE)
         if key not in self._read:
             self._read[key] = self._table(where, *key)
         return self._read[key]
 
-    def _table(self, where: str, file: str, topic: str, frame: str, base: str) -> Table:
-        """Read a file, a topic, or a frame of /tf."""
+    def _table(
+        self, where: str, file: str, topic: str, frame: str, base: str, field: str, stamps: str
+    ) -> Table:
+        """Read a file, a topic or a part of its messages, or a frame of /tf."""
         path = self.folder / file
         if not is_bag(path):
             return read_table(path)
         if not topic:
             raise BadInputError(f"{where}: {file} is a recording; expected its topic too")
         if topic == TF:
-            return read_frame(path, frame, base or None)
-        return read_topic(path, topic)
+            return read_frame(path, frame, base or None, stamps or "header")
+        return read_topic(path, topic, field, stamps or "header")
 
     def stream(
         self, where: str, section: Any, extra: frozenset[str] = frozenset()
     ) -> dict[str, Any]:
         """Return the arrays of a section; joint angles become a pose."""
         table = self.of(where, section)
-        own = frozenset(["topic"]) | KEYS | extra
+        own = frozenset(PLACE) | KEYS | extra
         arrays = read_stream(where, section, table, own)
         if "urdf" in section:
             arrays |= read_link(where, section, table, self.folder)
@@ -135,7 +135,7 @@ class _Tables:
     def problems(self) -> dict[str, int]:
         """Rows that could not be read, one line each."""
         return {
-            f"{Path(table.source).name}, {line}": 1
+            f"{table.label or Path(table.source).name}, {line}": 1
             for table in self._read.values()
             for line in table.problems
         }

@@ -5,15 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.recording.importers.bag_tables import (
+from tactile_dynamics_ros.recording.importers.bag_frames import (
     TF,
     frame_chain,
-    frame_of,
     read_frame,
     read_frames,
-    read_topic,
-    topic_types,
 )
+from tactile_dynamics_ros.recording.importers.bag_tables import frame_of, read_topic, topic_types
 from tactile_dynamics_ros.recording.importers.guess.answers import Answers, Question
 from tactile_dynamics_ros.recording.importers.guess.sources import Source
 from tactile_dynamics_ros.recording.topics import suffice

@@ -46,6 +46,7 @@ class Table:
         problems: one line of text for each row that was left out.
         layout: what parts cells and decimals, for people.
         has_header: whether the names come from the file.
+        label: topic of a recording, for people; "" for a file.
     """
 
     source: str
@@ -56,6 +57,7 @@ class Table:
     problems: tuple[str, ...] = ()
     layout: str = ""
     has_header: bool = True
+    label: str = ""
 
     def columns(self, *names: str) -> Array:
         """Return (N, len(names)) values.
