@@ -63,6 +63,12 @@ class Edge:
         return place, turn
 
 
+def has_frames(path: Path) -> bool:
+    """Whether a recording has frames."""
+    with BagReader(path) as reader:
+        return any(reader.types.get(topic) in _TF_TYPES for topic in (TF, TF_STATIC))
+
+
 def read_frames(path: Path, stamps: str = "header") -> dict[str, Edge]:
     """Return how each frame moves in its parent, by the name of the child.
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -34,20 +36,19 @@ def topic_types(path: Path) -> dict[str, str]:
         return reader.types
 
 
-def first_message(path: Path, topic: str) -> Any:
-    """Return the first message of a topic, None without any.
+def first_messages(path: Path) -> dict[str, Any]:
+    """Return the first message of every topic whose type is known and that can be read.
 
     Raises:
-        BadInputError: there is no such topic, or its type is not known.
+        BadInputError: the recording cannot be read.
     """
+    found = {}
     with BagReader(path) as reader:
-        return next((message for _, message in reader.messages(topic)), None)
-
-
-def frame_of(path: Path, topic: str) -> str:
-    """Return the frame of the first message of a topic; "" without any."""
-    header = getattr(first_message(path, topic), "header", None)
-    return str(getattr(header, "frame_id", "")).lstrip("/")
+        for topic in reader.types:
+            with suppress(BadInputError):
+                for _, message in islice(reader.messages(topic), 1):
+                    found[topic] = message
+    return found
 
 
 def read_topic(path: Path, topic: str, field: str = "", stamps: str = "header") -> Table:

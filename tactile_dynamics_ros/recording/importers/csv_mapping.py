@@ -126,10 +126,12 @@ class _Tables:
     ) -> dict[str, Any]:
         """Return the arrays of a section; joint angles become a pose."""
         table = self.of(where, section)
-        own = frozenset(PLACE) | KEYS | extra
+        own = frozenset([*PLACE, "sensor_pose"]) | KEYS | extra
         arrays = read_stream(where, section, table, own)
         if "urdf" in section:
             arrays |= read_link(where, section, table, self.folder)
+        if "sensor_pose" in section:
+            arrays |= _carried(f"{where}.sensor_pose", section["sensor_pose"], arrays)
         return arrays
 
     def problems(self) -> dict[str, int]:
@@ -193,6 +195,23 @@ def _pushes(
     return PushedRecording.from_arrays(
         contacts, links, contact_frame=frame, support=_support(mapping, source), source=source
     )
+
+
+def _carried(where: str, entry: Any, arrays: Mapping[str, Any]) -> dict[str, Any]:
+    """Return position and rotation of what sits on the body whose pose was recorded.
+
+    Raises:
+        BadInputError: the entry is no pose, or none was recorded.
+    """
+    if not isinstance(entry, Mapping) or not {"position", "rotation"} <= set(arrays):
+        raise BadInputError(f"{where}: expected position and orientation beside those of the body")
+    turn = {key: value for key, value in entry.items() if key != "position"}
+    place = np.asarray(entry.get("position", (0.0, 0.0, 0.0)), dtype=np.float64)
+    rotation = arrays["rotation"]
+    return {
+        "position": arrays["position"] + rotation @ place,
+        "rotation": rotation @ constant_rotation(where, turn),
+    }
 
 
 def _support(mapping: Mapping[str, Any], source: str) -> Support:

@@ -18,6 +18,9 @@ KNOWN = {
     "force_unit": "N, mN, kN, kgf or lbf",
     "torque_unit": "N m, N mm or so",
     "frame": "axes of the forces: sensor or world",
+    "stamps": "header, or receive for the times at which a recorder received the messages",
+    "body": "frame of /tf_static that the pose is of",
+    "urdf": "file of the arm whose joint angles were recorded",
     "reads": "load (the sensor reads the load's weight) or object (forces on the object)",
 }
 """Keys of answers and what they mean."""
@@ -38,6 +41,11 @@ class Answers:
         unknown = sorted(set(self._given) - set(KNOWN))
         if unknown:
             raise BadInputError(f"--say {unknown[0]}: unknown; expected one of {', '.join(KNOWN)}")
+
+    @property
+    def given(self) -> dict[str, str]:
+        """What was said, by key."""
+        return dict(self._given)
 
     def get(self, key: str) -> str | None:
         """Return the answer, if it was given."""

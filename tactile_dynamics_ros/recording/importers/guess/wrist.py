@@ -237,11 +237,11 @@ class WristGuess:
         on_object = given == "object" if given else judged.weighing.mass > 0.0
         sign = 1.0 if on_object else -1.0
         mass = abs(judged.weighing.mass) * UNITS["force"][unit]
+        about = f"; about {mass:.3g} kg" if judged.weighing.seen else ""
         reads = "acts on the object" if on_object else "is the load on the sensor, sign turned"
         self.note(
             "force",
-            f"{force.label} in {unit}, axes of the {judged.weighing.axes}; it {reads}; about "
-            f"{mass:.3g} kg",
+            f"{force.label} in {unit}, axes of the {judged.weighing.axes}; it {reads}{about}",
         )
         fields: dict[str, Any] = {
             "force": {"columns": list(force.columns), "unit": unit, "scale": sign}
