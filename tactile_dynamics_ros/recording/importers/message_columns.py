@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from tactile_dynamics_ros.core.errors import BadInputError
+
 Getter = Callable[[Any], Iterable[float]]
 """Takes the numbers of a message."""
 
@@ -36,8 +38,10 @@ def columns_of(message: Any) -> tuple[tuple[str, ...], Getter]:
     """Return the names of a message's numbers, and what takes them from messages alike.
 
     Poses, wrenches, twists and joint states have plain names; the numbers of other types are named
-    by their path, as `o_t_ee.position.x` or `data.3`.
+    by their path, as `o_t_ee.position.x` or `data.3`; those of an array are 0, 1, ...
     """
+    if isinstance(message, np.ndarray):
+        return tuple(str(k) for k in range(message.size)), lambda one: np.ravel(one).tolist()
     parts = _parts(message, "", 0)
     names = tuple(name for part in parts for name in part[0])
     getters = [part[1] for part in parts]
@@ -45,11 +49,17 @@ def columns_of(message: Any) -> tuple[tuple[str, ...], Getter]:
 
 
 def member_of(message: Any, field: str) -> Any:
-    """Return the part of a message at a path such as `state.o_t_ee`, None if it has none."""
-    try:
-        return attrgetter(field)(message) if field else message
-    except AttributeError:
-        return None
+    """Return the part of a message at a path such as `state.o_t_ee`; all of it for "".
+
+    Raises:
+        BadInputError: it has none there.
+    """
+    for name in filter(None, field.split(".")):
+        known = [key for key in getattr(message, "__dataclass_fields__", {}) if key[:2] != "__"]
+        if name not in known:
+            raise BadInputError(f"no field '{name}'; it has {', '.join(known) or 'none'}")
+        message = getattr(message, name)
+    return message
 
 
 def _parts(message: Any, path: str, depth: int) -> list[tuple[Sequence[str], Getter]]:

@@ -95,7 +95,8 @@ class Topic:
         place = {"file": path.name, "topic": self.name}
         place |= {} if stamps == "header" else {"stamps": stamps}
         names = [read_name("time", "s")]
-        groups = replace(self.groups, turn=[g for g in self.groups.turn if _moves(g, table)])
+        moving = [group for group in self.groups.turn if _moves(group, table)]
+        groups = replace(self.groups, turn=moving or self.groups.turn)
         return Source(place, table, groups, find_time(table, names, answers))
 
 
