@@ -84,7 +84,7 @@ class Recording:
         frames = Frames.of(bag, world_frame, source)
         frames.place_contacts(bag)
         topics.require_topics(bag.types, source, contacts_required)
-        return _BagAssembly(bag, source, frames, any_unit).recording()
+        return _BagAssembly(bag, Path(path), source, frames, any_unit).recording()
 
     @classmethod
     def from_arrays(
@@ -221,8 +221,10 @@ class Recording:
 class _BagAssembly:
     """Builds the streams of one recording from its decoded topics."""
 
-    def __init__(self, bag: BagTables, source: str, frames: Frames, any_unit: bool = False) -> None:
-        self._bag, self._any_unit = bag, any_unit
+    def __init__(
+        self, bag: BagTables, path: Path, source: str, frames: Frames, any_unit: bool = False
+    ) -> None:
+        self._bag, self._path, self._any_unit = bag, path, any_unit
         self._frames = frames
         self._source = source
         self._log = ProblemLog(bag.problems)
@@ -282,6 +284,10 @@ class _BagAssembly:
         own = self._frames.sensor_of(force)
         read = self._bag.tables.get(force, empty_table(6)) if own else self._world_table(force, 6)
         wrench = topics.wrench_columns(force, read, self._clock)
+        if own:
+            from tactile_dynamics_ros.recording.mounting import pose_of_sensor
+
+            where = pose_of_sensor(self._path, own, where, wrench, self._log)
         return assemble_contact(
             name,
             wrench,

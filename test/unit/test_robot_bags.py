@@ -221,6 +221,19 @@ def test_a_sensor_is_turned_as_tf_static_says(bag, tmp_path, topic):
     _require_load(_read(bag.write(tmp_path / "run")), bag.log)
 
 
+def test_a_remapped_sensor_is_turned_as_tf_static_says(bag, tmp_path):
+    turn = Rotation.from_euler("z", -45.0, degrees=True)
+    bag.add_poses("/pose", body=(np.zeros(3), turn)).add_wrenches("ft_frame")
+    step = _static("tool0", "ft_frame", np.zeros(3), turn.inv())
+    bag.rows.append(("/tf_static", EPOCH_NS, step))
+    remap = {"/pose": "/object/pose", "/ft/wrench": "/contact/wrist/force"}
+    recording = Recording.from_bag(bag.write(tmp_path / "run"), remap=remap)
+    wrist = recording.streams.contacts["wrist"]
+    np.testing.assert_allclose(wrist.force, -bag.log.rotation.apply(bag.log.force), atol=1e-6)
+    lines = "".join(recording.problem_lines())
+    assert "of 'tool0', on which 'ft_frame' sits turned by 45 deg" in lines
+
+
 def _arm(log: WristLog) -> tuple[str, np.ndarray]:
     """Return an arm of three slides and three joints, and its positions (N, 6)."""
     kinds = [("prismatic", a) for a in "xyz"] + [("revolute", a) for a in "zyx"]

@@ -17,12 +17,13 @@ from tactile_dynamics_ros.recording.importers.bag_frames import TF, read_frame
 from tactile_dynamics_ros.recording.importers.bag_tables import is_bag, read_topic
 from tactile_dynamics_ros.recording.importers.fields import (
     constant_rotation,
+    named_columns,
     read_field,
     read_stream,
 )
 from tactile_dynamics_ros.recording.importers.importer import Importer
 from tactile_dynamics_ros.recording.importers.joint_angles import KEYS, read_link
-from tactile_dynamics_ros.recording.importers.tables import Table, read_table
+from tactile_dynamics_ros.recording.importers.tables import Table, read_any_table
 from tactile_dynamics_ros.recording.pushed import PushedRecording, Support
 from tactile_dynamics_ros.recording.recording import Recording
 
@@ -103,18 +104,21 @@ class _Tables:
         """
         if not isinstance(section, Mapping) or "file" not in section:
             raise BadInputError(f"{where}: expected a mapping with 'file' and fields")
-        key = tuple(str(section.get(part, "")) for part in PLACE)
+        place = [str(section.get(part, "")) for part in PLACE]
+        columns = sorted(named_columns(section))
+        key = (*place, *columns)
         if key not in self._read:
-            self._read[key] = self._table(where, *key)
+            path = self.folder / place[0]
+            self._read[key] = (
+                self._topic(where, *place) if is_bag(path) else read_any_table(path, columns)
+            )
         return self._read[key]
 
-    def _table(
+    def _topic(
         self, where: str, file: str, topic: str, frame: str, base: str, field: str, stamps: str
     ) -> Table:
-        """Read a file, a topic or a part of its messages, or a frame of /tf."""
+        """Read a topic or a part of its messages, or a frame of /tf."""
         path = self.folder / file
-        if not is_bag(path):
-            return read_table(path)
         if not topic:
             raise BadInputError(f"{where}: {file} is a recording; expected its topic too")
         if topic == TF:

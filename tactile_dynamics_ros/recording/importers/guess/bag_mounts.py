@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,10 +17,14 @@ from tactile_dynamics_ros.core.rigid_body.rotation import (
 )
 from tactile_dynamics_ros.recording.importers.bag_frames import Edge, has_frames, read_frames
 from tactile_dynamics_ros.recording.importers.guess.sources import Source
+from tactile_dynamics_ros.recording.importers.guess.weight import Weighing
 from tactile_dynamics_ros.recording.importers.message_columns import POSE_COLUMNS
 
 Array = NDArray[np.float64]
 
+_CLEARLY_BETTER = 0.77
+"""Misfit over that of the next mounting below which the weight tells a sensor's mounting, as of
+readings of an orientation."""
 _SAME_TURN, _SAME_PLACE = 0.01, 1e-4
 """Angle, rad, and distance, m, below which a sensor is in the frame itself: files round."""
 
@@ -67,10 +72,19 @@ class Mount:
         """Return the poses of the sensor."""
         table, values = poses.table, poses.table.values.copy()
         columns = [table.names.index(name) for name in POSE_COLUMNS]
-        turn = quaternion_to_matrix(values[:, columns[3:]])
-        values[:, columns[:3]] += turn @ self.position
-        values[:, columns[3:]] = matrix_to_quaternion(turn @ self.rotation)
+        carried = self.carried(values[:, columns[:3]], values[:, columns[3:]])
+        values[:, columns] = np.hstack(carried)
         return replace(poses, table=replace(table, values=values))
+
+    def carried(self, position: Array, quaternion: Array) -> tuple[Array, Array]:
+        """Return position (N, 3) and quaternion (N, 4) of the sensor, from those of the frame."""
+        length = np.linalg.norm(quaternion, axis=1, keepdims=True)
+        known = (np.isfinite(length) & (length > 0.0))[:, 0]
+        place, named = position.copy(), np.full_like(quaternion, np.nan)
+        turn = quaternion_to_matrix(quaternion[known] / length[known])
+        place[known] += turn @ self.position
+        named[known] = matrix_to_quaternion(turn @ self.rotation)
+        return place, named
 
 
 def mounts_of(path: Path, sensor: str) -> list[Mount]:
@@ -90,6 +104,27 @@ def mounts_of(path: Path, sensor: str) -> list[Mount]:
                 found[frame] = Mount(frame, placed, rotation @ near.rotation)
                 waiting.append(frame)
     return list(found.values())
+
+
+def fitting_mount(
+    mounts: Sequence[Mount], weigh: Callable[[Mount], Weighing | None]
+) -> Mount | None:
+    """Return the mounting under which forces fit gravity, None if several do or none.
+
+    Args:
+        mounts: that may be meant; of those that are turned alike the nearest is taken.
+        weigh: returns the load that the forces show under a mounting.
+    """
+    weighed = [(weigh(mount), mount) for mount in mounts]
+    fits = [(load.rms, mount) for load, mount in weighed if load is not None and load.seen]
+    if not fits:
+        return None
+    least, best = min(fits, key=lambda fit: fit[0])
+    others = [rms for rms, mount in fits if not mount.is_turned_like(best)]
+    if others and least > _CLEARLY_BETTER * min(others):
+        return None
+    alike = [mount for _, mount in fits if mount.is_turned_like(best)]
+    return min(alike, key=lambda mount: float(np.linalg.norm(mount.position)))
 
 
 def _rigid_neighbours(edges: dict[str, Edge], frame: str) -> list[tuple[str, Array, Array]]:

@@ -21,7 +21,11 @@ from tactile_dynamics_ros.recording.importers.bag_frames import (
 from tactile_dynamics_ros.recording.importers.bag_tables import RECEIVE, topic_types
 from tactile_dynamics_ros.recording.importers.guess.answers import Answers, Question
 from tactile_dynamics_ros.recording.importers.guess.bag_links import Arm
-from tactile_dynamics_ros.recording.importers.guess.bag_mounts import Mount, mounts_of
+from tactile_dynamics_ros.recording.importers.guess.bag_mounts import (
+    Mount,
+    fitting_mount,
+    mounts_of,
+)
 from tactile_dynamics_ros.recording.importers.guess.bag_topics import Topic, read_topics
 from tactile_dynamics_ros.recording.importers.guess.orientations import readings_of
 from tactile_dynamics_ros.recording.importers.guess.sources import Source
@@ -34,9 +38,6 @@ Note = Callable[[str, str], None]
 
 _TOOLS = ("tool0", "flange", "tcp", "panda_hand_tcp", "panda_link8", "fr3_link8", "iiwa_link_ee")
 """Frames at the wrist of common arms, the likeliest first, if the wrench's frame is not known."""
-_CLEARLY_BETTER = 0.77
-"""Misfit over that of the next mounting below which the weight tells a sensor's mounting, as of
-readings of an orientation."""
 _MOTION_SHOWN = 0.5
 """Misfit over the change of the forces below which they follow the motion, whether or not a weight
 is in them."""
@@ -280,7 +281,9 @@ def _mount(
     if not chosen.source.table.names[1:] or chosen.topic is wrench:
         return None
     mounts = mounts_of(path, wrench.frame)
-    mount = _named_mount(mounts, chosen) or _weighed_mount(mounts, chosen.source, forces)
+    mount = _named_mount(mounts, chosen) or fitting_mount(
+        mounts, lambda one: _weighing(one.apply(chosen.source), forces)
+    )
     if mount is None:
         frames = [mount.frame for mount in mounts]
         name = answers.choose(
@@ -302,18 +305,3 @@ def _named_mount(mounts: Sequence[Mount], chosen: Chosen) -> Mount | None:
         return None
     called = [mount for mount in mounts if chosen.topic.is_called(mount.frame)]
     return called[0] if len(called) == 1 else None
-
-
-def _weighed_mount(mounts: Sequence[Mount], poses: Source, forces: Source) -> Mount | None:
-    """Return the mounting under which the forces fit gravity, None if several do or none."""
-    fits = []
-    for mount in mounts:
-        weighed = _weighing(mount.apply(poses), forces)
-        if weighed is not None and weighed.seen:
-            fits.append((weighed.rms, mount))
-    fits.sort(key=lambda fit: fit[0])
-    others = [rms for rms, mount in fits if not mount.is_turned_like(fits[0][1])]
-    if not fits or (others and fits[0][0] > _CLEARLY_BETTER * others[0]):
-        return None
-    alike = [mount for _, mount in fits if mount.is_turned_like(fits[0][1])]
-    return min(alike, key=lambda mount: float(np.linalg.norm(mount.position)))

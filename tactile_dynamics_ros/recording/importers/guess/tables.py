@@ -71,7 +71,8 @@ def _mapping(
         if len(paths) > 1:
             raise Question("one recording at a time; tables and recordings do not mix")
         return bag_mapping(paths[0], answers, note)
-    sources = [Source.read(path, answers, len(paths) == 1) for path in paths]
+    alone = len(paths) == 1
+    sources = [source for path in paths for source in Source.read(path, answers, alone)]
     for source in sources:
         note(source.label, f"{len(source.table.values)} rows; {source.table.layout}")
         for problem in source.table.problems:
