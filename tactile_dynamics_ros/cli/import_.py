@@ -14,8 +14,9 @@ from tactile_dynamics_ros.cli.recordings import NEW_RECORDING
 from tactile_dynamics_ros.core.errors import BadInputError, refuse_existing
 from tactile_dynamics_ros.core.files import written_whole
 from tactile_dynamics_ros.core.options import file_to_write, path_to_write
+from tactile_dynamics_ros.recording.bag_options import add_bag_arguments, add_say
 from tactile_dynamics_ros.recording.importers import IMPORTERS, Importer
-from tactile_dynamics_ros.recording.importers.bag import add_bag_arguments, bag_answers
+from tactile_dynamics_ros.recording.importers.bag import bag_answers
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.recording.importers.guess import Guess
@@ -91,6 +92,7 @@ def _add_guess(form: ArgumentParser) -> None:
     )
     form.add_argument("--guess", action="store_true", help="propose a mapping and write it as yaml")
     add_bag_arguments(form)
+    add_say(form)
     form.add_argument(
         "--out",
         type=file_to_write,

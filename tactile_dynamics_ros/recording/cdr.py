@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -59,6 +59,10 @@ class MessageTable:
     def __len__(self) -> int:
         """Return the number of messages."""
         return len(self.stamp_ns)
+
+    def as_received(self) -> MessageTable:
+        """Return the messages with their receive times as stamps."""
+        return replace(self, stamp_ns=self.receive_ns)
 
 
 def decode_messages(msgtype: str, raw: Sequence[bytes], receive_ns: Sequence[int]) -> MessageTable:

@@ -50,6 +50,8 @@ EXPECTED_TYPES = {
     "force_std": (VECTOR_STAMPED,),
     "pose": (POSE_STAMPED, POSE_WITH_COVARIANCE, POSE),
 }
+RECEIVE = "receive"
+"""Word for stamps that are the times at which the recorder received the messages."""
 NO_STAMPS = "unstamped: taken at their receive times"
 """Line on messages whose stamps are not there or were never set."""
 

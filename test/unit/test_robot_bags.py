@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -287,6 +288,28 @@ def test_stamps_of_two_clocks_are_read_as_proposed(bag, tmp_path, capsys):
     assert main([*command, "--stamps", "receive"]) == 0
     _require_load(_read(path, stamps="receive"), bag.log)
     assert np.ptp(Recording.from_bag(tmp_path / "out.mcap").streams.pose.time) > 5.9
+
+
+def test_a_contract_on_two_clocks_is_read_at_receive_times_if_told(bag, tmp_path):
+    bag.add_poses("/object/pose", -(10**15)).add_wrenches("ft_frame", "/contact/wrist/force")
+    path = bag.write(tmp_path / "run")
+    with pytest.raises(BadInputError, match="never overlap; .* say --stamps receive"):
+        Recording.from_bag(path)
+    wrist = Recording.from_bag(path, stamps="receive").streams.contacts["wrist"]
+    np.testing.assert_allclose(wrist.force, -bag.log.rotation.apply(bag.log.force), atol=1e-6)
+
+
+def test_the_bag_of_a_robot_is_estimated_with_one_command(bag, tmp_path, capsys):
+    urdf, positions = _arm(bag.log)
+    (tmp_path / "arm.urdf").write_text(urdf)
+    bag.add("/joint_states", lambda k, stamp: _joint_state(stamp, positions[k])).add_wrenches()
+    command = ["estimate", str(bag.write(tmp_path / "arm")), "--effects", "force_bias", "--json"]
+    assert main(command) == 2
+    assert "say --urdf FILE" in capsys.readouterr().err
+    assert main([*command, "--urdf", str(tmp_path / "arm.urdf")]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert abs(found["mass"]["value"] - bag.log.mass) < 3.0 * found["mass"]["std"]
+    np.testing.assert_allclose(found["com"]["value"], bag.log.com, atol=2e-3)
 
 
 @pytest.mark.parametrize("mode", [None, CompressionMode.FILE, CompressionMode.MESSAGE])

@@ -15,9 +15,10 @@ from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion, quaternion_to_matrix
 from tactile_dynamics_ros.core.streams.streams import between_turns
 from tactile_dynamics_ros.recording.importers.bag_reader import BagReader
-from tactile_dynamics_ros.recording.importers.bag_tables import RECEIVE, stamp_of
+from tactile_dynamics_ros.recording.importers.bag_tables import stamp_of
 from tactile_dynamics_ros.recording.importers.message_columns import POSE_COLUMNS
 from tactile_dynamics_ros.recording.importers.tables import Table
+from tactile_dynamics_ros.recording.topics import RECEIVE
 
 Array = NDArray[np.float64]
 

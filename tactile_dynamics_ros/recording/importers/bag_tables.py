@@ -15,10 +15,7 @@ from tactile_dynamics_ros.recording.bag_files import ROS1_SUFFIX, STORAGE_SUFFIX
 from tactile_dynamics_ros.recording.importers.bag_reader import BagReader
 from tactile_dynamics_ros.recording.importers.message_columns import columns_of, member_of
 from tactile_dynamics_ros.recording.importers.tables import Table
-from tactile_dynamics_ros.recording.topics import NO_STAMPS
-
-RECEIVE = "receive"
-"""Word for stamps that are the times at which the recorder received the messages."""
+from tactile_dynamics_ros.recording.topics import NO_STAMPS, RECEIVE
 
 
 def is_bag(path: Path) -> bool:

@@ -18,7 +18,7 @@ from tactile_dynamics_ros.recording.importers.bag_frames import (
     read_frame,
     read_frames,
 )
-from tactile_dynamics_ros.recording.importers.bag_tables import RECEIVE, topic_types
+from tactile_dynamics_ros.recording.importers.bag_tables import topic_types
 from tactile_dynamics_ros.recording.importers.guess.answers import Answers, Question
 from tactile_dynamics_ros.recording.importers.guess.bag_links import Arm
 from tactile_dynamics_ros.recording.importers.guess.bag_mounts import (
@@ -31,7 +31,7 @@ from tactile_dynamics_ros.recording.importers.guess.orientations import readings
 from tactile_dynamics_ros.recording.importers.guess.sources import Source
 from tactile_dynamics_ros.recording.importers.guess.weight import Measured, Scene, Weighing
 from tactile_dynamics_ros.recording.importers.guess.wrist import WristGuess
-from tactile_dynamics_ros.recording.topics import suffice
+from tactile_dynamics_ros.recording.topics import RECEIVE, suffice
 
 Note = Callable[[str, str], None]
 """Takes label and text of what was understood."""
