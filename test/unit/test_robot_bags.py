@@ -213,6 +213,18 @@ def test_topics_of_a_ur_driver(bag, tmp_path):
     _require_load(_read(bag.write(tmp_path / "ur")), bag.log)
 
 
+def test_of_wrenches_in_two_frames_that_of_the_sensor_is_taken(bag, tmp_path):
+    bag.add_poses("/broadcaster/current_pose").add_poses("/broadcaster/last_desired_pose")
+    bag.add_wrenches("arm_link0", "/broadcaster/wrench_in_base_frame")
+    bag.add_wrenches("arm_link8", "/broadcaster/wrench_in_stiffness_frame")
+    path = bag.write(tmp_path / "run")
+    _require_load(_read(path), bag.log)
+    topics = guess_tables([path]).mapping["contacts"]["wrist"]["topic"]
+    assert topics == "/broadcaster/wrench_in_stiffness_frame"
+    other = guess_tables([path], Answers({"wrench": "/broadcaster/wrench_in_base_frame"}))
+    assert other.mapping["contacts"]["wrist"]["topic"] == "/broadcaster/wrench_in_base_frame"
+
+
 @pytest.mark.parametrize("topic", ["/tool0_pose", "/arm/cartesian"])
 def test_a_sensor_is_turned_as_tf_static_says(bag, tmp_path, topic):
     place, turn = np.array([0.02, 0.0, -0.05]), Rotation.from_euler("z", -45.0, degrees=True)

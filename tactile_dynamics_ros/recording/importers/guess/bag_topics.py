@@ -35,8 +35,8 @@ _FORCE_WORDS = WRENCH | {"atift", "ati", "sensor", "wrenches", "loadcell", "forc
 _WANTED = frozenset(["target", "desired", "command", "cmd", "goal", "setpoint", "reference", "c"])
 """Words of what a controller wants, not of what was measured."""
 _MOVES = 1e-6
-"""Change of the numbers of an orientation from which it is one that moves: states of drivers have
-constant transforms beside it, to the last digit."""
+"""Change of the numbers of a pose from which it is one that moves: states of drivers have constant
+transforms beside it, to the last digit."""
 
 
 @dataclass(frozen=True)
@@ -66,13 +66,18 @@ class Topic:
     @property
     def is_wrench(self) -> bool:
         """Whether it is a wrench for sure."""
-        twist = self.columns == TWIST_COLUMNS and bool(self.words & _FORCE_WORDS)
+        twist = self.is_twist and bool(self.words & _FORCE_WORDS)
         return self.columns == WRENCH_COLUMNS or twist
+
+    @property
+    def is_twist(self) -> bool:
+        """Whether it is a twist, as which some drivers publish wrenches."""
+        return self.columns == TWIST_COLUMNS
 
     @property
     def may_be_wrench(self) -> bool:
         """Whether it may be one where no other topic is: a twist that nothing calls a speed."""
-        return self.columns == TWIST_COLUMNS and not self.words & OTHER
+        return self.is_twist and not self.words & OTHER
 
     @property
     def is_pose(self) -> bool:
@@ -95,13 +100,16 @@ class Topic:
         place = {"file": path.name, "topic": self.name}
         place |= {} if stamps == "header" else {"stamps": stamps}
         names = [read_name("time", "s")]
-        moving = [group for group in self.groups.turn if _moves(group, table)]
-        groups = replace(self.groups, turn=moving or self.groups.turn)
+        moving = {
+            kind: [group for group in found if _moves(group, table)] or found
+            for kind, found in (("turn", self.groups.turn), ("position", self.groups.position))
+        }
+        groups = replace(self.groups, **moving)
         return Source(place, table, groups, find_time(table, names, answers))
 
 
 def _moves(group: Group, table: Table) -> bool:
-    """Whether an orientation is measured and changes."""
+    """Whether a position or an orientation changes."""
     values = table.columns(*group.columns)
     return bool(np.nanmax(np.ptp(values, axis=0)) > _MOVES)
 

@@ -74,8 +74,8 @@ def bag_mapping(path: Path, answers: Answers, note: Note) -> dict[str, Any]:
         raise BadInputError(f"{path} has the topics of a recording already: `estimate {path}`")
     topics = read_topics(path)
     wrench = _wrench(path, topics, answers)
-    forces = wrench.source(path, answers)
     chosen = _poses(path, topics, wrench, answers)
+    forces = chosen.source if chosen.topic is wrench else wrench.source(path, answers)
     _require_one_clock(path, chosen, forces, topics, wrench, answers)
     for source in {id(s): s for s in (chosen.source, forces)}.values():
         stamps = "".join(f"; {line}" for line in source.table.problems)
@@ -153,16 +153,18 @@ def _wrench(path: Path, topics: Sequence[Topic], answers: Answers) -> Topic:
     Raises:
         Question: there are several, or none.
     """
-    found = [topic for topic in topics if topic.is_wrench or topic.groups.force]
-    found = [topic for topic in found if topic.is_wrench or not topic.may_be_wrench] or [
-        topic for topic in found if topic.may_be_wrench
-    ]
+    holding = [topic for topic in topics if topic.groups.force]
+    sure = [topic for topic in holding if topic.is_wrench]
+    arrays = [topic for topic in holding if not topic.is_twist]
+    found = sure or arrays or [topic for topic in holding if topic.may_be_wrench]
     if not found:
         known = ", ".join(f"{name} ({kind})" for name, kind in sorted(topic_types(path).items()))
         raise Question(f"no topic holds a wrench; there are {known}")
     own = [topic for topic in found if topic.frame and not BASES.fullmatch(topic.frame)]
-    found = own if len(own) == 1 and answers.get("wrench") is None else found
-    if len(found) == 1:
+    found = own if len(own) == 1 else found
+    if answers.get("wrench") is not None:
+        found = holding
+    elif len(found) == 1:
         return found[0]
     names = sorted(topic.name for topic in found)
     name = answers.choose("wrench", names, "several topics hold a wrench")
@@ -186,9 +188,11 @@ def _poses(path: Path, topics: Sequence[Topic], wrench: Topic, answers: Answers)
     if wanted is None and wrench.groups.turn:
         wanted = wrench.name
     if wanted is None and answers.get("urdf") is None and poses:
-        wanted = next(iter(poses))
-        if len(poses) > 1:
-            wanted = answers.choose("pose", sorted(poses), "several topics hold a pose")
+        plain = sorted(name for name, topic in poses.items() if topic.is_pose)
+        names = plain or sorted(poses)
+        wanted = names[0]
+        if len(names) > 1:
+            wanted = answers.choose("pose", names, "several topics hold a pose")
     if wanted is None and arm is not None:
         wanted = arm.tip(_TOOLS, answers)
     if wanted is None:
