@@ -263,7 +263,7 @@ def _arm(log: WristLog) -> tuple[str, np.ndarray]:
 
 
 def _joint_state(stamp: int, positions: np.ndarray) -> Any:
-    names = [f"j{k}" for k in range(6)]
+    names = [f"j{k}" for k in range(len(positions))]
     none = np.zeros(0)
     return _made(
         "sensor_msgs/msg/JointState",
@@ -284,6 +284,16 @@ def test_joint_angles_and_a_urdf_stand_for_a_pose(bag, tmp_path, in_bag):
     path = bag.write(tmp_path / "arm")
     (tmp_path / "arm.urdf").write_text(urdf)
     _require_load(_read(path, **({} if in_bag else {"urdf": "arm.urdf"})), bag.log)
+
+
+def test_joints_of_a_gripper_on_the_same_topic_do_not_disturb_those_of_the_arm(bag, tmp_path):
+    urdf, positions = _arm(bag.log)
+    bag.add("/joint_states", lambda _, stamp: _joint_state(stamp, np.ones(1)))
+    bag.add("/joint_states", lambda k, stamp: _joint_state(stamp, positions[k])).add_wrenches()
+    (tmp_path / "arm.urdf").write_text(urdf)
+    recording = _read(bag.write(tmp_path / "arm"), urdf="arm.urdf")
+    _require_load(recording, bag.log)
+    assert "messages with fewer joints (left out)" in "".join(recording.problem_lines())
 
 
 def test_joint_angles_without_a_urdf_ask_for_one(bag, tmp_path):

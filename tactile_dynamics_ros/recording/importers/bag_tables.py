@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -13,9 +13,18 @@ import numpy as np
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.recording.bag_files import ROS1_SUFFIX, STORAGE_SUFFIXES
 from tactile_dynamics_ros.recording.importers.bag_reader import BagReader
-from tactile_dynamics_ros.recording.importers.message_columns import columns_of, member_of
+from tactile_dynamics_ros.recording.importers.message_columns import (
+    Getter,
+    columns_of,
+    joints_of,
+    member_of,
+)
 from tactile_dynamics_ros.recording.importers.tables import Table
 from tactile_dynamics_ros.recording.topics import NO_STAMPS, RECEIVE
+
+_STATES = 20
+"""Joint states among which that of an arm is, where a gripper publishes at up to ten times its
+rate."""
 
 
 def is_bag(path: Path) -> bool:
@@ -36,6 +45,8 @@ def topic_types(path: Path) -> dict[str, str]:
 def first_messages(path: Path) -> dict[str, Any]:
     """Return the first message of every topic whose type is known and that can be read.
 
+    Of joint states it is that of the most joints: an arm and its gripper may share a topic.
+
     Raises:
         BadInputError: the recording cannot be read.
     """
@@ -43,8 +54,9 @@ def first_messages(path: Path) -> dict[str, Any]:
     with BagReader(path) as reader:
         for topic in reader.types:
             with suppress(BadInputError):
-                for _, message in islice(reader.messages(topic), 1):
-                    found[topic] = message
+                count = _STATES if reader.types[topic].endswith("JointState") else 1
+                first = [message for _, message in islice(reader.messages(topic), count)]
+                found |= {topic: max(first, key=lambda one: len(joints_of(one)))} if first else {}
     return found
 
 
@@ -62,45 +74,63 @@ def read_topic(path: Path, topic: str, field: str = "", stamps: str = "header") 
     """
     if stamps not in ("header", RECEIVE):
         raise BadInputError(f"{topic}: stamps '{stamps}'; expected header or {RECEIVE}")
-    where = f"{topic}.{field}" if field else topic
-    rows: list[list[float]] = []
-    times: list[tuple[float, float]] = []
-    frames: list[str] = []
-    names: tuple[str, ...] = ()
+    kinds: dict[tuple[str, ...], _Rows] = {}
     with BagReader(path) as reader:
         for received, message in reader.messages(topic):
-            part = member_of(message, field)
-            if not rows:
-                names, get = columns_of(part)
-                if not names:
-                    kind = type(message).__name__
-                    raise BadInputError(f"{where} in {path} ({kind}) holds no numbers")
-            rows.append(get(part))
-            times.append((stamp_of(message), 1e-9 * received))
-            frames.append(str(getattr(getattr(message, "header", None), "frame_id", "")))
-    if not rows:
+            try:
+                part = member_of(message, field)
+            except BadInputError as error:
+                raise BadInputError(f"{topic} in {path}: {error}") from error
+            key = joints_of(part)
+            if key not in kinds:
+                kinds[key] = _Rows(*columns_of(part))
+            kinds[key].add(message, part, received)
+    if not kinds:
         raise BadInputError(f"{topic} in {path} holds no message")
-    whole = [k for k, row in enumerate(rows) if len(row) == len(names)]
-    stamped, received_at = np.array(times)[whole].T
-    unstamped = stamps == "header" and not np.any(stamped)
-    time = received_at if unstamped or stamps == RECEIVE else stamped
-    values = np.column_stack([time, np.array([rows[k] for k in whole])])
-    return Table(
-        f"{path}: {topic}",
-        ("time", *names),
-        values,
-        problems=(NO_STAMPS,) if unstamped else (),
-        layout=_layout(frames),
-        label=where,
-    )
+    rows = kinds[max(kinds, key=len)]
+    if not rows.names:
+        raise BadInputError(f"{topic} in {path} ({topic_types(path)[topic]}) holds no numbers")
+    table = rows.table(f"{path}: {topic}", stamps)
+    others = sum(len(one.values) for one in kinds.values()) - len(rows.values)
+    lines = (f"{others} messages with fewer joints (left out)",) if others else ()
+    label = f"{topic}.{field}" if field else topic
+    return replace(table, problems=table.problems + lines, label=label)
+
+
+@dataclass
+class _Rows:
+    """Numbers of messages that are alike."""
+
+    names: tuple[str, ...]
+    get: Getter
+    values: list[list[float]] = field(default_factory=list)
+    times: list[tuple[float, float]] = field(default_factory=list)
+    frames: list[str] = field(default_factory=list)
+
+    def add(self, message: Any, part: Any, received: int) -> None:
+        """Take a message; one with another count of numbers is left out."""
+        numbers = list(self.get(part))
+        if len(numbers) == len(self.names):
+            self.values.append(numbers)
+            self.times.append((stamp_of(message), 1e-9 * received))
+            self.frames.append(str(getattr(getattr(message, "header", None), "frame_id", "")))
+
+    def table(self, source: str, stamps: str) -> Table:
+        """Return the table, at the stamps of the headers or at receive times."""
+        stamped, received = np.array(self.times).T
+        unstamped = stamps == "header" and not np.any(stamped)
+        time = received if unstamped or stamps == RECEIVE else stamped
+        usual = max(set(self.frames), key=self.frames.count)
+        return Table(
+            source,
+            ("time", *self.names),
+            np.column_stack([time, np.array(self.values)]),
+            problems=(NO_STAMPS,) if unstamped else (),
+            layout=f"frame '{usual}'" if usual else "no frame",
+        )
 
 
 def stamp_of(message: Any) -> float:
     """Return the header stamp in s; 0 for a message without."""
     stamp = getattr(getattr(message, "header", None), "stamp", None)
     return 0.0 if stamp is None else float(stamp.sec) + 1e-9 * float(stamp.nanosec)
-
-
-def _layout(frames: Sequence[str]) -> str:
-    usual = max(set(frames), key=frames.count)
-    return f"frame '{usual}'" if usual else "no frame"

@@ -48,6 +48,24 @@ def columns_of(message: Any) -> tuple[tuple[str, ...], Getter]:
     return names, lambda one: [float(number) for get in getters for number in get(one)]
 
 
+def joints_of(message: Any) -> tuple[str, ...]:
+    """Return the names of the joints of a joint state, in order; none of another message."""
+    known = hasattr(message, "name") and hasattr(message, "position")
+    return tuple(sorted(map(str, message.name))) if known and len(message.position) else ()
+
+
+def _by_name(path: str, joints: Sequence[str]) -> Getter:
+    """Return what takes the positions of joints, in whatever order messages have them."""
+    get = attrgetter(path) if path else lambda message: message
+
+    def positions(message: Any) -> list[float]:
+        state = get(message)
+        at = dict(zip(map(str, state.name), state.position, strict=False))
+        return [at.get(name, float("nan")) for name in joints]
+
+    return positions
+
+
 def member_of(message: Any, field: str) -> Any:
     """Return the part of a message at a path such as `state.o_t_ee`; all of it for "".
 
@@ -69,9 +87,8 @@ def _parts(message: Any, path: str, depth: int) -> list[tuple[Sequence[str], Get
         inside, names = vectors
         own = [".".join(filter(None, (path, member))) for member in inside]
         return [([_joined(path, name) for name in names], attrgetter(*own))]
-    if hasattr(message, "name") and hasattr(message, "position"):
-        names = [_joined(path, str(name)) for name in message.name]
-        return [(names, _member(_joined(path, "position")))]
+    if joints := joints_of(message):
+        return [([_joined(path, name) for name in joints], _by_name(path, joints))]
     found = []
     for key in getattr(message, "__dataclass_fields__", {}):
         if not key.startswith("__") and key not in ("header", "layout", "stamp"):

@@ -89,6 +89,8 @@ class Arm:
         ends = [link for link in links if link not in parents]
         if len(ends) == 1:
             return ends[0]
+        if not ends:
+            raise Question(f"{self.topic.name} misses joints that every link of {self.urdf} needs")
         return answers.choose("pose", ends, "several links may carry the sensor")
 
     def source(self, link: str, answers: Answers) -> Source:
