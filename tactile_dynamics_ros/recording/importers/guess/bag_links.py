@@ -12,7 +12,7 @@ from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion
 from tactile_dynamics_ros.core.robot.kinematic_tree import chain, independent, read_tree
 from tactile_dynamics_ros.core.robot.robot import Joint
-from tactile_dynamics_ros.recording.importers.guess.answers import Answers
+from tactile_dynamics_ros.recording.importers.guess.answers import Answers, Question
 from tactile_dynamics_ros.recording.importers.guess.bag_topics import Topic
 from tactile_dynamics_ros.recording.importers.guess.groups import find_groups
 from tactile_dynamics_ros.recording.importers.guess.names import read_name, read_names
