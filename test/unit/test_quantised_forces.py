@@ -17,7 +17,7 @@ STEPS = np.array([1.0, 0.5, 2.0])
 def _turned_load(seed: int, steps: np.ndarray, torque_step: float) -> Recording:
     """Return a load that a wrist turns slowly about its origin, read in steps."""
     rng = np.random.default_rng(seed)
-    time = np.arange(0.0, 20.0, 0.01)
+    time = np.arange(0.0, 15.0, 0.01)
     waves = np.sin(rng.uniform(0.3, 0.9, (3, 1)) * time + rng.uniform(0, 6, (3, 1)))
     turned = Rotation.from_rotvec(1.5 * waves.T)
     force = turned.inv().apply([0.0, 0.0, 9.81 * MASS])
@@ -47,7 +47,7 @@ def test_each_axis_of_a_sensor_has_the_noise_of_its_own_steps():
     np.testing.assert_allclose(rounding_noise(wrist, wrist.force), STEPS / np.sqrt(12.0), rtol=1e-6)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_a_mass_read_in_coarse_steps_lies_in_its_interval(seed):
     recording = _turned_load(10 + seed, np.ones(3), 0.1)
     assert not any("saturated" in line for line in recording.problem_lines())
