@@ -22,16 +22,39 @@ def read_recording(
     namespace: str | None = None,
     world_frame: str | None = None,
     any_unit: bool = False,
+    stamps: str | None = None,
+    urdf: str | None = None,
 ) -> Recording:
     """Read one recording with contacts that push; see `Recording.from_bag`.
+
+    A bag of a robot with none of the topics of a recording is read as `import bag` reads it.
+
+    Args:
+        path: of the recording.
+        remap: recorded topic names and the name, or names, that they stand for.
+        namespace: of the hand whose topics are read.
+        world_frame: frame of the poses, z up.
+        any_unit: whether accelerations that look like units of g are taken as they are.
+        stamps: "receive" for the times at which messages were received.
+        urdf: of the arm whose joint angles were recorded.
 
     Raises:
         BadInputError: it cannot be read, or no contact pushes.
     """
     from tactile_dynamics_ros.recording import Recording
+    from tactile_dynamics_ros.recording.importers.bag import is_of_robot, read_robot_bag
 
+    if not (remap or namespace or world_frame) and is_of_robot(Path(path)):
+        return read_robot_bag(Path(path), stamps, urdf)
+    if urdf is not None:
+        raise BadInputError(f"--urdf {urdf}: {path} has other poses; leave it out")
     recording = Recording.from_bag(
-        path, remap=remap, namespace=namespace, world_frame=world_frame, any_unit=any_unit
+        path,
+        remap=remap,
+        namespace=namespace,
+        world_frame=world_frame,
+        any_unit=any_unit,
+        stamps=stamps or "header",
     )
     if not recording.streams.contacts:
         lines = recording.problem_lines()

@@ -124,7 +124,7 @@ def _forwarded(args: Namespace) -> Iterator[str]:
     """Yield the options of the verb itself, as they are typed."""
     if args.between:
         yield from ("--between", ",".join(map(repr, args.between)))
-    for name in ("effects", "world_frame", "namespace"):
+    for name in ("effects", "world_frame", "namespace", "stamps", "urdf"):
         if value := getattr(args, name):
             yield from (f"--{name.replace('_', '-')}", value)
     for name in ("effect_file", "remap", "assume"):

@@ -14,10 +14,12 @@ from tactile_dynamics_ros.cli.recordings import NEW_RECORDING
 from tactile_dynamics_ros.core.errors import BadInputError, refuse_existing
 from tactile_dynamics_ros.core.files import written_whole
 from tactile_dynamics_ros.core.options import file_to_write, path_to_write
+from tactile_dynamics_ros.recording.bag_options import add_bag_arguments, add_say
 from tactile_dynamics_ros.recording.importers import IMPORTERS, Importer
+from tactile_dynamics_ros.recording.importers.bag import bag_answers
 
 if TYPE_CHECKING:
-    from tactile_dynamics_ros.recording.importers.guess import Answers, Guess
+    from tactile_dynamics_ros.recording.importers.guess import Guess
 
 GUESS = "guess"
 """Word of the form that looks for the meaning of columns; a file in its place means the same."""
@@ -64,7 +66,7 @@ class _NamesAndFiles(dict[str, ArgumentParser]):
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
     """Add the verb with one word per importer."""
-    summary = "turn CSV tables or a known data set into a recording; FILE --guess proposes how"
+    summary = "turn tables, bags or a known data set into a recording; FILE --guess proposes how"
     parser = verbs.add_parser("import", help=summary, description=summary)
     forms = parser.add_subparsers(dest="form", metavar="FORM", required=True, action=_FormOrFile)
     for importer in IMPORTERS:
@@ -85,15 +87,12 @@ def _add_json(form: ArgumentParser) -> None:
 
 def _add_guess(form: ArgumentParser) -> None:
     """Add the arguments of `import FILE --guess`."""
-    form.add_argument("files", metavar="FILE", nargs="+", help="one table, or several of one clock")
-    form.add_argument("--guess", action="store_true", help="propose a mapping and write it as yaml")
     form.add_argument(
-        "--say",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="answer a question; repeatable",
+        "files", metavar="FILE", nargs="+", help="one table or bag, or several tables of one clock"
     )
+    form.add_argument("--guess", action="store_true", help="propose a mapping and write it as yaml")
+    add_bag_arguments(form)
+    add_say(form)
     form.add_argument(
         "--out",
         type=file_to_write,
@@ -135,13 +134,13 @@ def run_guess(args: Namespace) -> int:
     Raises:
         BadInputError: something has to be asked, or the file is there already.
     """
-    from tactile_dynamics_ros.recording.importers.guess import guess_tables
+    from tactile_dynamics_ros.recording.importers.guess import Answers, guess_tables
 
     paths = [Path(file) for file in args.files]
     _require_question(args, paths)
     out = Path(args.out) if args.out else paths[0].with_suffix(".mapping.yaml")
     refuse_existing(out)
-    guess = guess_tables(paths, _answers(args.say))
+    guess = guess_tables(paths, Answers(bag_answers(args)))
     if guess.question:
         _print_understood(guess)
         raise BadInputError(f"{paths[0]}: {guess.question}")
@@ -213,23 +212,6 @@ def _require_question(args: Namespace, paths: Sequence[Path]) -> None:
         f"import {paths[0]}: add --guess to find out what its columns mean, or name a form first "
         f"({forms})"
     )
-
-
-def _answers(given: Sequence[str]) -> Answers:
-    """Return answers by key.
-
-    Raises:
-        BadInputError: one is malformed.
-    """
-    from tactile_dynamics_ros.recording.importers.guess import Answers
-
-    answers = {}
-    for word in given:
-        key, separator, value = word.partition("=")
-        if not separator or not value:
-            raise BadInputError(f"--say {word}: expected KEY=VALUE")
-        answers[key.strip()] = value.strip()
-    return Answers(answers)
 
 
 def _describe(summary: dict[str, Any], problems: list[str]) -> str:

@@ -11,6 +11,7 @@ from tactile_dynamics_ros.api.reading import effects_of, names_of, read_pushed_r
 from tactile_dynamics_ros.api.reading import read_recording as recording_of
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.options import span
+from tactile_dynamics_ros.recording.bag_options import add_bag_arguments
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.effects.effect import Effect
@@ -68,6 +69,7 @@ def add_recording_arguments(
         help="frame of the poses, z up, if it is neither `world` nor the base of a robot",
     )
     add_namespace(parser)
+    add_bag_arguments(parser)
     parser.add_argument(
         "--between",
         type=span,
@@ -121,7 +123,7 @@ def model_of(args: Namespace) -> str:
     return recorded_model(first, _parse_remappings(getattr(args, "remap", [])))
 
 
-_HELD_ONLY = ("export", "tool", "wrist", "carried", "robot")
+_HELD_ONLY = ("export", "tool", "wrist", "carried", "robot", "stamps", "urdf")
 """Options of the verbs that mean nothing for an object on a support."""
 
 
@@ -220,6 +222,8 @@ def _read(bag: str, args: Namespace) -> Recording:
         namespace=args.namespace,
         world_frame=getattr(args, "world_frame", None),
         any_unit=getattr(args, "verb", "") in _QUESTIONS or "acceleration_unit" in assumed,
+        stamps=args.stamps,
+        urdf=args.urdf,
     )
     for line in recording.problem_lines():
         print(f"note: {line}", file=sys.stderr)

@@ -16,16 +16,18 @@ from tactile_dynamics_ros.core.rigid_body.rotation import (
 )
 from tactile_dynamics_ros.core.streams.streams import ContactStream, Streams, between_turns
 from tactile_dynamics_ros.recording.assembly import (
-    ImuColumns,
-    PoseColumns,
-    StdColumns,
-    WrenchColumns,
     assemble_contact,
     assemble_imu,
     assemble_pose,
     quaternions_of,
 )
 from tactile_dynamics_ros.recording.cleaning import ProblemLog
+from tactile_dynamics_ros.recording.columns import (
+    ImuColumns,
+    PoseColumns,
+    StdColumns,
+    WrenchColumns,
+)
 
 Array = NDArray[np.float64]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,56 +37,17 @@ from tactile_dynamics_ros.recording.cleaning import (
     scale_quaternions,
     select,
 )
+from tactile_dynamics_ros.recording.columns import (
+    ImuColumns,
+    PoseColumns,
+    StdColumns,
+    WrenchColumns,
+)
 
 Array = NDArray[np.float64]
 
 STANDARD_GRAVITY = 9.81
 HELD = "sample of a slower sensor repeated"
-
-
-@dataclass(frozen=True)
-class PoseColumns:
-    """Poses as they were measured.
-
-    Attributes:
-        label: topic or array name for messages to the user.
-        time: (N,) s.
-        position: (N, 3) m.
-        quaternion: (N, 4) xyzw.
-        covariance: (N, 6, 6) [rotation, position], or None.
-    """
-
-    label: str
-    time: Array
-    position: Array
-    quaternion: Array
-    covariance: Array | None = None
-
-
-@dataclass(frozen=True)
-class WrenchColumns:
-    """Wrenches of one contact as they were measured.
-
-    Attributes:
-        label: topic or array name for messages to the user.
-        time: (N,) s.
-        force: (N, 3) N on the object, world axes.
-        torque: (N, 3) N m about the contact point, world axes.
-    """
-
-    label: str
-    time: Array
-    force: Array
-    torque: Array
-
-
-@dataclass(frozen=True)
-class StdColumns:
-    """Standard deviations of a contact's force: (M,) s and (M, 3) N."""
-
-    label: str
-    time: Array
-    std: Array
 
 
 def assemble_pose(columns: PoseColumns, log: ProblemLog, planar: bool = False) -> PoseStream:
@@ -183,14 +144,29 @@ def _clean_covariance(
 
 
 def assemble_contact(
-    name: str, wrench: WrenchColumns, pose: PoseColumns, std: StdColumns | None, log: ProblemLog
+    name: str,
+    wrench: WrenchColumns,
+    pose: PoseColumns,
+    std: StdColumns | None,
+    log: ProblemLog,
+    sensor_axes: bool = False,
 ) -> ContactStream | None:
     """Return one contact's stream without faulty samples, or None if it never touches.
+
+    Args:
+        name: of the contact.
+        wrench: as measured.
+        pose: of the contact.
+        std: of the force, where it is stated.
+        log: where faults are counted.
+        sensor_axes: whether the wrench is in axes that the pose turns; then it is turned by it.
 
     Raises:
         BadInputError: the contact pushes, but where it does is not known.
     """
     kept = _clean_wrenches(wrench, log)
+    if sensor_axes:
+        kept = kept.in_world_axes(pose)
     if not len(kept.time) or not np.any(kept.force):
         log.note(wrench.label, "no force at all (contact left out)", 1)
         return None
@@ -255,27 +231,6 @@ def _align_std(std: StdColumns | None, time: Array, log: ProblemLog) -> Array | 
         return np.repeat(std.std[order], len(time), axis=0)
     nearer_before = time - stamps[after - 1] < stamps[after] - time
     return np.asarray(std.std[order[after - nearer_before.astype(int)]])
-
-
-@dataclass(frozen=True)
-class ImuColumns:
-    """An IMU on the object as it was measured; absent columns are None.
-
-    Attributes:
-        label: topic or array name for messages to the user.
-        time: (N,) s.
-        specific_force: (N, 3) m/s^2, body axes.
-        quaternion: (N, 4) xyzw, or None.
-        angular_velocity: (N, 3) rad/s, body axes, or None.
-        specific_force_std: m/s^2 per axis, or None.
-    """
-
-    label: str
-    time: Array
-    specific_force: Array
-    quaternion: Array | None = None
-    angular_velocity: Array | None = None
-    specific_force_std: float | None = None
 
 
 def assemble_imu(columns: ImuColumns, log: ProblemLog, any_unit: bool = False) -> ImuStream | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator
@@ -21,6 +22,7 @@ from tactile_dynamics_ros.core.errors import BadInputError, nearest_file
 from tactile_dynamics_ros.recording.bag_limits import check_limits, metadata_of
 from tactile_dynamics_ros.recording.cdr import (
     DOUBLES,
+    UNSTAMPED_DOUBLES,
     MessageTable,
     decode_messages,
     join_tables,
@@ -79,7 +81,7 @@ def read_tables(path: Path, wanted: Callable[[str], bool]) -> BagTables:
         BadInputError: there is no recording at the path, or nothing in it can be read.
     """
     bag = BagTables()
-    for part in _parts(path):
+    for part in storage_parts(path):
         try:
             found = _decode(_regular_messages(part, bag.types, wanted))
         except DAMAGE as error:
@@ -103,7 +105,7 @@ def read_messages(path: Path, topic: str) -> Iterator[RawMessage]:
     Raises:
         BadInputError: there is no recording at the path.
     """
-    for part in _parts(path):
+    for part in storage_parts(path):
         count = 0
         try:
             for message in _regular_messages(part, {}, lambda name: name == topic):
@@ -114,8 +116,12 @@ def read_messages(path: Path, topic: str) -> Iterator[RawMessage]:
             yield from islice(saved, count, None)
 
 
-def _parts(path: Path) -> list[Path]:
-    """Return what to open: the directory if it is complete, otherwise its storage files."""
+def storage_parts(path: Path) -> list[Path]:
+    """Return what to open: the directory if it is complete, otherwise its storage files.
+
+    Raises:
+        BadInputError: there is no recording at the path, or it exceeds a limit.
+    """
     if not path.exists():
         raise BadInputError(
             f"{path}: no such file or directory; expected a rosbag2 recording" + nearest_file(path)
@@ -126,9 +132,7 @@ def _parts(path: Path) -> list[Path]:
             return [path]
         files = _storage_files(path)
         if not files:
-            raise BadInputError(
-                f"{path}: holds neither .mcap nor .db3; expected a rosbag2 recording"
-            )
+            raise BadInputError(f"{path}: holds no .mcap, .db3 or .bag; expected a recording")
         return files
     if path.suffix not in (*STORAGE_SUFFIXES, ROS1_SUFFIX):
         raise BadInputError(
@@ -138,10 +142,17 @@ def _parts(path: Path) -> list[Path]:
     return [path]
 
 
+def _digits_as_numbers(file: Path) -> list[Any]:
+    """Return a key that sorts run_2 before run_10, as recorders number the parts."""
+    return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", file.name)]
+
+
 def _storage_files(path: Path) -> list[Path]:
     """Return the storage files of a directory in order, or the file itself."""
     if path.is_dir():
-        return sorted(f for f in path.iterdir() if f.suffix in STORAGE_SUFFIXES)
+        suffixes = (*STORAGE_SUFFIXES, ROS1_SUFFIX)
+        files = [f for f in path.iterdir() if f.suffix in suffixes]
+        return sorted(files, key=_digits_as_numbers)
     return [path]
 
 
@@ -212,7 +223,7 @@ def _decode(messages: Iterator[RawMessage]) -> dict[str, MessageTable]:
     tables: dict[tuple[str, str], list[MessageTable]] = defaultdict(list)
     blocks: dict[tuple[str, str], tuple[list[bytes], list[int]]] = {}
     for topic, msgtype, received, data in messages:
-        if msgtype not in DOUBLES:
+        if msgtype not in DOUBLES and msgtype not in UNSTAMPED_DOUBLES:
             continue
         key = (topic, msgtype)
         raw, times = blocks.setdefault(key, ([], []))

@@ -1,4 +1,4 @@
-"""Fixed-layout ROS messages as numpy tables: a header followed by a constant number of doubles.
+"""Fixed-layout ROS messages as numpy tables: mostly a header and a constant number of doubles.
 
 A message of such a type is an encapsulation of 4 bytes, a ``std_msgs/Header`` (stamp, frame id)
 and then doubles aligned to 8 bytes, so that thousands of equally long messages are one array.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -23,6 +23,12 @@ DOUBLES = {
     "geometry_msgs/msg/WrenchStamped": 6,
     "sensor_msgs/msg/Imu": 37,
 }
+UNSTAMPED_DOUBLES = {
+    "geometry_msgs/msg/Pose": 7,
+    "geometry_msgs/msg/Twist": 6,
+    "geometry_msgs/msg/Wrench": 6,
+}
+"""Doubles of types without a header; some drivers of force sensors publish wrenches as twists."""
 ENCAPSULATION = 4
 LITTLE_ENDIAN = 1
 STAMP_AND_LENGTH = 12
@@ -54,15 +60,21 @@ class MessageTable:
         """Return the number of messages."""
         return len(self.stamp_ns)
 
+    def as_received(self) -> MessageTable:
+        """Return the messages with their receive times as stamps."""
+        return replace(self, stamp_ns=self.receive_ns)
+
 
 def decode_messages(msgtype: str, raw: Sequence[bytes], receive_ns: Sequence[int]) -> MessageTable:
     """Decode serialised messages of one fixed-layout type.
 
     Args:
-        msgtype: one of ``DOUBLES``.
+        msgtype: one of ``DOUBLES`` or ``UNSTAMPED_DOUBLES``; the latter have stamps of zero.
         raw: N CDR byte strings.
         receive_ns: N receive times in nanoseconds.
     """
+    if msgtype in UNSTAMPED_DOUBLES:
+        return _decode_unstamped(UNSTAMPED_DOUBLES[msgtype], raw, receive_ns)
     groups: dict[tuple[int, bytes, bytes], list[int]] = defaultdict(list)
     for index, data in enumerate(raw):
         groups[len(data), data[:ENCAPSULATION], data[12:16]].append(index)
@@ -76,6 +88,24 @@ def decode_messages(msgtype: str, raw: Sequence[bytes], receive_ns: Sequence[int
         tables.append(np.frombuffer(joined, dtype=layout))
         order.extend(members)
     return _assemble(DOUBLES[msgtype], order, tables, receive_ns, malformed)
+
+
+def _decode_unstamped(
+    doubles: int, raw: Sequence[bytes], receive_ns: Sequence[int]
+) -> MessageTable:
+    """Decode messages that are nothing but doubles."""
+    size = ENCAPSULATION + 8 * doubles
+    good = [k for k, data in enumerate(raw) if size <= len(data) < size + 8 and data[1] <= 1]
+    values = np.array(
+        [
+            np.frombuffer(raw[k], "<f8" if raw[k][1] == LITTLE_ENDIAN else ">f8", doubles, 4)
+            for k in good
+        ],
+        dtype=np.float64,
+    ).reshape(-1, doubles)
+    received = np.asarray(receive_ns, dtype=np.int64)[good]
+    none = np.zeros(len(good), dtype=np.int64)
+    return MessageTable(none, received, np.full(len(good), b""), values, len(raw) - len(good))
 
 
 def _layout(

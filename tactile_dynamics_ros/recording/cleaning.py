@@ -9,6 +9,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.numerics.noise import quantisation_step
+
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
@@ -27,6 +29,12 @@ GLITCH_ANGLE = 0.1
 GLITCH_FACTOR = 20.0
 STEP_FACTOR = 5.0
 SATURATED_RUN = 5
+TURNING_STEPS = 16.0
+"""Steps of a quantised channel that its values have gone, at most, half a run before and after a
+run of one value at which a smooth signal turns: even one that turns as flatly as t^4 and stays
+within one step for a time goes 2^4 - 1 steps in half of it, and rounding adds one. At 4, as of a
+parabola, weights that come to hang straight down were called a rail; a rail of a sensor that has
+fewer than some 40 steps in all is not seen."""
 HELD_SHARE = 0.3
 HELD_REGULAR = 0.95
 HELD_FEWEST = 30
@@ -197,23 +205,40 @@ def _running_median(values: Array) -> Array:
 def find_saturated(values: Array) -> Mask:
     """Return samples in which a channel rests on its largest or smallest value.
 
-    A rail shows as a run of identical extreme values in a channel that otherwise keeps changing.
+    A rail shows as a run of identical extreme values in a channel that otherwise keeps changing,
+    while other channels go on, and that comes and goes at speed.
 
     Args:
         values: (N, C) one column per channel.
     """
     bad = np.zeros(len(values), dtype=bool)
-    for channel in values.T if len(values) else ():
-        starts = np.flatnonzero(np.concatenate([[True], np.diff(channel) != 0]))
-        lengths = np.diff(np.concatenate([starts, [len(channel)]]))
-        least = max(SATURATED_RUN, SATURATED_RUN * int(np.median(lengths)) if len(lengths) else 0)
-        level = channel[starts]
-        rail = (level == channel.max(initial=-np.inf)) | (level == channel.min(initial=np.inf))
-        for start, length in zip(
-            *(x[rail & (lengths >= least) & (level != 0.0)] for x in (starts, lengths)), strict=True
-        ):
-            bad[start : start + length] |= length < len(channel)
+    far = TURNING_STEPS * np.array([quantisation_step(channel) for channel in values.T])
+    for k, channel in enumerate(values.T if len(values) else ()):
+        for start, stop in _extreme_runs(channel):
+            quarter = (stop - start) // 4
+            middle = np.ptp(np.delete(values[start + quarter : stop - quarter], k, axis=1), axis=0)
+            rests = bool(len(middle)) and np.all(middle <= np.delete(far, k))
+            if not rests and _is_left_at_speed(channel, start, stop, far[k]):
+                bad[start:stop] = True
     return bad
+
+
+def _extreme_runs(channel: Array) -> list[tuple[int, int]]:
+    """Return first index and end of long runs of a channel's largest or smallest value."""
+    starts = np.flatnonzero(np.concatenate([[True], np.diff(channel) != 0]))
+    lengths = np.diff(np.concatenate([starts, [len(channel)]]))
+    level = channel[starts]
+    least = SATURATED_RUN * max(1, int(np.median(lengths)))
+    long = (lengths >= least) & (lengths < len(channel)) & (level != 0.0)
+    long &= (level == channel.max()) | (level == channel.min())
+    return [(int(k), int(k + n)) for k, n in zip(starts[long], lengths[long], strict=True)]
+
+
+def _is_left_at_speed(channel: Array, start: int, stop: int, far: float) -> bool:
+    """Whether values half a run before and after it are farther away than at a smooth turn."""
+    near = (stop - start) // 2
+    sides = [channel[max(start - near, 0) : start], channel[stop : stop + near]]
+    return all(np.abs(side - channel[start]).max() > far for side in sides if len(side))
 
 
 def count_gaps(time: Array) -> int:

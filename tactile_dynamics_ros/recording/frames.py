@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.rigid_body.rotation import quaternion_to_matrix
-from tactile_dynamics_ros.core.streams.streams import between_turns
 from tactile_dynamics_ros.recording import topics
-from tactile_dynamics_ros.recording.assembly import PoseColumns, WrenchColumns
 from tactile_dynamics_ros.recording.bag_files import BagTables
 from tactile_dynamics_ros.recording.cdr import MessageTable
 from tactile_dynamics_ros.recording.cleaning import ProblemLog
@@ -60,7 +57,10 @@ class Frames:
         for topic, table in bag.tables.items():
             if topics.topic_kind(topic) == "force" and np.any(table.values[:, 3:]):
                 own = usual_frame(table).lstrip("/")
-                if own not in ("", topics.WORLD, world) and not BASES.fullmatch(own):
+                if bag.types[topic] in (topics.WRENCH, topics.TWIST):
+                    sensors[topic] = "sensor"
+                    notes.append(f"{topic} states no frame: taken in axes of the contact's pose")
+                elif own not in ("", topics.WORLD, world) and not BASES.fullmatch(own):
                     sensors[topic] = own
                     notes.append(f"{topic} is in axes of '{own}': turned by the contact's pose")
         return cls(world, sensors, source, tuple(notes))
@@ -105,24 +105,3 @@ def usual_frame(table: MessageTable) -> str:
         return ""
     names, counts = np.unique(table.frame_id, return_counts=True)
     return bytes(names[np.argmax(counts)]).decode("utf-8", "replace")
-
-
-def in_world_axes(wrench: WrenchColumns, pose: PoseColumns) -> WrenchColumns:
-    """Return a wrench of a sensor's own axes in those of the world, turned by the sensor's poses.
-
-    Where no pose is a rotation the wrench is not finite.
-    """
-    length = np.linalg.norm(pose.quaternion, axis=1)
-    known = np.isfinite(pose.time) & np.isfinite(length) & (length > 0.0)
-    if not known.any() or not len(wrench.time):
-        return replace(wrench, force=np.full_like(wrench.force, np.nan))
-    stamps, first = np.unique(pose.time[known], return_index=True)
-    order = np.flatnonzero(known)[first]
-    turned = quaternion_to_matrix(pose.quaternion[order] / length[order, None])
-    time = np.where(np.isfinite(wrench.time), wrench.time, stamps[0])
-    rotation = between_turns(stamps, turned, time)
-    return replace(
-        wrench,
-        force=np.einsum("nij,nj->ni", rotation, wrench.force),
-        torque=np.einsum("nij,nj->ni", rotation, wrench.torque),
-    )

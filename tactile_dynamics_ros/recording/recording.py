@@ -22,7 +22,7 @@ from tactile_dynamics_ros.recording.bag_writer import write_bag
 from tactile_dynamics_ros.recording.cdr import empty_table
 from tactile_dynamics_ros.recording.cleaning import ProblemLog, ranked_lines
 from tactile_dynamics_ros.recording.conventions import doubtful_conventions
-from tactile_dynamics_ros.recording.frames import Frames, in_world_axes
+from tactile_dynamics_ros.recording.frames import Frames
 from tactile_dynamics_ros.recording.namespaces import RecordedNames
 from tactile_dynamics_ros.recording.static_poses import held_poses
 
@@ -58,6 +58,7 @@ class Recording:
         world_frame: str | None = None,
         contacts_required: bool = True,
         any_unit: bool = False,
+        stamps: str = "header",
     ) -> Recording:
         """Read a rosbag2 recording; contacts are discovered from its topics.
 
@@ -69,6 +70,7 @@ class Recording:
             world_frame: frame of the poses, z up, if it is not `world` or a robot's base.
             contacts_required: whether a recording without any contact is refused.
             any_unit: whether accelerations that look like units of g are taken as they are.
+            stamps: "header", or "receive" for the times at which messages were received.
 
         Raises:
             BadInputError: the files cannot be read, a topic is missing or of another type or
@@ -77,6 +79,8 @@ class Recording:
         """
         names, source = RecordedNames(dict(remap or {}), namespace), str(path)
         bag = read_tables(Path(path), names.may_be_needed)
+        if stamps == topics.RECEIVE:
+            bag.tables = {topic: table.as_received() for topic, table in bag.tables.items()}
         chosen = names.apply(bag, source)
         if chosen:
             source += f" (namespace {chosen})"
@@ -84,7 +88,7 @@ class Recording:
         frames = Frames.of(bag, world_frame, source)
         frames.place_contacts(bag)
         topics.require_topics(bag.types, source, contacts_required)
-        return _BagAssembly(bag, source, frames, any_unit).recording()
+        return _BagAssembly(bag, Path(path), source, frames, any_unit).recording()
 
     @classmethod
     def from_arrays(
@@ -221,8 +225,10 @@ class Recording:
 class _BagAssembly:
     """Builds the streams of one recording from its decoded topics."""
 
-    def __init__(self, bag: BagTables, source: str, frames: Frames, any_unit: bool = False) -> None:
-        self._bag, self._any_unit = bag, any_unit
+    def __init__(
+        self, bag: BagTables, path: Path, source: str, frames: Frames, any_unit: bool = False
+    ) -> None:
+        self._bag, self._path, self._any_unit = bag, path, any_unit
         self._frames = frames
         self._source = source
         self._log = ProblemLog(bag.problems)
@@ -245,8 +251,14 @@ class _BagAssembly:
                 f"{self._source}: neither {topics.OBJECT_POSE} nor {topics.OBJECT_IMU} holds a "
                 "usable sample; record the object's motion"
             )
-        _require_overlap(streams, self._source)
+        _require_overlap(streams, self._source, self._receive_advice())
         return Recording(streams, self._source, dict(self._log), self._clock.epoch_ns)
+
+    def _receive_advice(self) -> str:
+        """Return what to do if stamps are of several clocks: receive times, if they overlap."""
+        received = [t.receive_ns for t in self._bag.tables.values() if len(t)]
+        overlap = max(r.min() for r in received) < min(r.max() for r in received)
+        return " or say --stamps receive, for those times overlap" if overlap else ""
 
     def _pose(self) -> PoseStream | None:
         """Return the object's poses, or None if only an IMU was recorded."""
@@ -282,12 +294,17 @@ class _BagAssembly:
         own = self._frames.sensor_of(force)
         read = self._bag.tables.get(force, empty_table(6)) if own else self._world_table(force, 6)
         wrench = topics.wrench_columns(force, read, self._clock)
+        if own:
+            from tactile_dynamics_ros.recording.mounting import pose_of_sensor
+
+            where = pose_of_sensor(self._path, own, where, wrench, self._log)
         return assemble_contact(
             name,
-            in_world_axes(wrench, where) if own else wrench,
+            wrench,
             where,
             None if std_table is None else topics.std_columns(std, std_table, self._clock),
             self._log,
+            sensor_axes=own is not None,
         )
 
     def _world_table(self, topic: str, doubles: int) -> Any:
@@ -310,8 +327,13 @@ class _BagAssembly:
                 self._log.note(topic, "no force topic beside it (left out)", 1)
 
 
-def _require_overlap(streams: Streams, source: str) -> None:
+def _require_overlap(streams: Streams, source: str, advice: str = "") -> None:
     """Check that every contact was recorded while the motion was.
+
+    Args:
+        streams: measurements.
+        source: of them, for messages to the user.
+        advice: what else can be done.
 
     Raises:
         BadInputError: the stamps lie apart, as from clocks that were never synchronised.
@@ -326,5 +348,5 @@ def _require_overlap(streams: Streams, source: str) -> None:
             )
             raise BadInputError(
                 f"{source}: the stamps of contact {name} and of the object's motion lie "
-                f"{apart:.1f} s apart and never overlap; stamp both with the same clock"
+                f"{apart:.1f} s apart and never overlap; stamp both with the same clock{advice}"
             )

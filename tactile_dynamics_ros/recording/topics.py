@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.recording.assembly import (
+from tactile_dynamics_ros.recording.cdr import MessageTable
+from tactile_dynamics_ros.recording.cleaning import Mask, ProblemLog, find_not_increasing
+from tactile_dynamics_ros.recording.columns import (
     ImuColumns,
     PoseColumns,
     StdColumns,
     WrenchColumns,
 )
-from tactile_dynamics_ros.recording.cdr import MessageTable
-from tactile_dynamics_ros.recording.cleaning import Mask, ProblemLog, find_not_increasing
 
 Array = NDArray[np.float64]
 
@@ -40,13 +40,20 @@ WRENCH_STAMPED = "geometry_msgs/msg/WrenchStamped"
 VECTOR_STAMPED = "geometry_msgs/msg/Vector3Stamped"
 IMU = "sensor_msgs/msg/Imu"
 
+POSE, WRENCH, TWIST = (f"geometry_msgs/msg/{kind}" for kind in ("Pose", "Wrench", "Twist"))
+"""Types without a stamp and a frame."""
+
 EXPECTED_TYPES = {
-    "object_pose": (POSE_WITH_COVARIANCE, POSE_STAMPED),
+    "object_pose": (POSE_WITH_COVARIANCE, POSE_STAMPED, POSE),
     "object_imu": (IMU,),
-    "force": (WRENCH_STAMPED,),
+    "force": (WRENCH_STAMPED, WRENCH, TWIST),
     "force_std": (VECTOR_STAMPED,),
-    "pose": (POSE_STAMPED, POSE_WITH_COVARIANCE),
+    "pose": (POSE_STAMPED, POSE_WITH_COVARIANCE, POSE),
 }
+RECEIVE = "receive"
+"""Word for stamps that are the times at which the recorder received the messages."""
+NO_STAMPS = "unstamped: taken at their receive times"
+"""Line on messages whose stamps are not there or were never set."""
 
 ROTATION_THEN_POSITION = np.array([3, 4, 5, 0, 1, 2])
 """Swaps the two halves of a 6-vector between ROS's order and that of core."""
@@ -158,7 +165,7 @@ def check_messages(topic: str, table: MessageTable, log: ProblemLog) -> None:
     """Count what is wrong with a topic's messages as messages."""
     log.note(topic, "message malformed (dropped)", table.malformed)
     if len(table) > 1 and not np.any(table.stamp_ns):
-        log.note(topic, "header stamp not set (receive time used)", len(table))
+        log.note(topic, NO_STAMPS, len(table))
     if not len(table):
         log.note(topic, "topic without messages", 1)
 

@@ -124,5 +124,4 @@ def test_metadata_that_grows_are_not_read_and_the_messages_are(tmp_path):
     )
     (tmp_path / "run" / "metadata.yaml").write_text(laughs)
     assert read_tables(tmp_path / "run", lambda _: True).types == {"/a": "std_msgs/msg/Float64"}
-    with pytest.raises(BadInputError, match="metadata.yaml: more than 200000 values"):
-        topic_types(tmp_path / "run")
+    assert topic_types(tmp_path / "run") == {"/a": "std_msgs/msg/Float64"}

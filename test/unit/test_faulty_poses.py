@@ -22,8 +22,9 @@ from tactile_dynamics_ros.core.streams.pose_noise import (
     read_covariances,
 )
 from tactile_dynamics_ros.core.streams.streams import ContactSample, Streams
-from tactile_dynamics_ros.recording.assembly import PoseColumns, assemble_pose
+from tactile_dynamics_ros.recording.assembly import assemble_pose
 from tactile_dynamics_ros.recording.cleaning import ProblemLog, find_seams
+from tactile_dynamics_ros.recording.columns import PoseColumns
 
 HONEST = np.diag([ROTATION_STD**2] * 3 + [POSITION_STD**2] * 3)
 ROWS, COLUMNS = (0, 1, 0, 0, 1, 2), (0, 1, 2, 1, 2, 2)

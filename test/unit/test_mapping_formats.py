@@ -420,3 +420,29 @@ def test_a_member_that_expands_far_beyond_its_archive_is_refused(tmp_path):
         archive.add(tmp_path / "zeros.csv", "zeros.csv")
     with pytest.raises(BadInputError, match="zeros.csv expands to more than"):
         read_table(tmp_path / "a.tar.gz" / "zeros.csv")
+
+
+@pytest.mark.parametrize(
+    ("cells", "numbers"),
+    [
+        (["0,5", "999,5", "1.000,5", "12.345,25"], [0.5, 999.5, 1000.5, 12345.25]),
+        (["0.5", "999.5", "1,000.5", "12,345.25"], [0.5, 999.5, 1000.5, 12345.25]),
+        (["0.5", "999.5", "1'000.5", "12'345.25"], [0.5, 999.5, 1000.5, 12345.25]),
+        (["0,5", "999,5", "1\u202f000,5", "12\u00a0345,25"][:3], [0.5, 999.5, 1000.5]),
+        (["0", "1.234.567", "1.000", "5"], [0.0, 1234567.0, 1000.0, 5.0]),
+        (["1.234", "2.345", "3.456", "4.567"], [1.234, 2.345, 3.456, 4.567]),
+    ],
+)
+def test_thousands_are_parted_as_the_numbers_themselves_tell(tmp_path, cells, numbers):
+    decimal = "0,25" if any(cell.endswith(",5") for cell in cells) else "7"
+    rows = "\n".join(f"{cell};{decimal}" for cell in cells)
+    (tmp_path / "t.csv").write_text(f"t;f\n{rows}\n", encoding="utf-8")
+    np.testing.assert_allclose(read_table(tmp_path / "t.csv").column("t"), numbers)
+
+
+def test_integers_in_thousands_beside_decimals_of_the_other_sign(tmp_path):
+    rows = "\n".join(f"{k // 1000}.{k % 1000:03};0,{k % 10}" for k in range(1000, 1400, 10))
+    (tmp_path / "t.csv").write_text(f"ms;f\n{rows}\n")
+    table = read_table(tmp_path / "t.csv")
+    np.testing.assert_allclose(table.column("ms"), np.arange(1000, 1400, 10))
+    assert "thousands as 1.000" in table.layout

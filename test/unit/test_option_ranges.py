@@ -51,6 +51,7 @@ TEXT_OPTIONS = {
     "host": "an address",
     "scheduler": "an address",
     "say": "an answer",
+    "urdf": "a file to read",
     "push": "a name in a data set",
     "bag": "a recording to read",
     "clouds": "files to read",

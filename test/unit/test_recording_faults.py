@@ -132,7 +132,7 @@ def _pause(message, k):
         (FORCE, _jump_back, "stamp jumps (dropped)", 1),
         (FORCE, _other_frame, "frame_id is not world (dropped)", 3),
         (FORCE, _no_frame, "frame_id empty (taken as world)", 200),
-        (FORCE, _stop_clock, "header stamp not set (receive time used)", 200),
+        (FORCE, _stop_clock, "unstamped: taken at their receive times", 200),
         (POSE, _jump_back, "stamp jumps (dropped)", 1),
         (POSE, _long_quaternion, "quaternion is not of unit length (normalised)", 4),
         (POSE, _no_quaternion, "quaternion is not a rotation (dropped)", 1),
@@ -344,7 +344,7 @@ def test_what_is_not_a_recording_is_refused(tmp_path, name, content, message):
     with pytest.raises(BadInputError, match=message):
         Recording.from_bag(tmp_path / name)
     (tmp_path / "folder").mkdir()
-    with pytest.raises(BadInputError, match="neither .mcap nor .db3"):
+    with pytest.raises(BadInputError, match="holds no .mcap, .db3 or .bag"):
         Recording.from_bag(tmp_path / "folder")
 
 

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.rigid_body.rotation import accumulated_rotation
-from tactile_dynamics_ros.core.streams.streams import ContactStream, nearest_samples
+from tactile_dynamics_ros.core.streams.streams import (
+    ContactStream,
+    between_turns,
+    nearest_samples,
+)
 
 Array = NDArray[np.float64]
 
@@ -23,6 +29,15 @@ _SHORTEST, _LONGEST = 0.3, 1.7
 and more passes, a lost sample (2) does not. Divided differences of shorter steps see little but
 those. Wider bounds let noise be read across gaps, narrower ones leave jittery streams without
 samples."""
+
+_ON_STEPS = 0.95
+"""Share of the samples that lie on multiples of a step from which a signal is quantised: the others
+were interpolated or made up by a driver. Of a fine signal 0.2 % lie on any step by chance."""
+_OFF_STEP = 1e-3
+"""Distance, in steps, from such a multiple that rounding of printed or stored numbers leaves."""
+_MOST_LOOKED_AT = 3000
+"""Samples, spread evenly, in which steps are looked for: a signal of 20 bits that turns has as many
+levels in them."""
 
 
 def white_noise_std(time: Array, values: Array) -> float:
@@ -53,6 +68,34 @@ def noise_along_axes(contact: ContactStream, values: Array) -> Array:
     axes = contact.rotation[nearest_samples(contact.pose_time, contact.time[middle])]
     along = np.einsum("nji,nj->ni", axes, differences)
     return np.array([_spread(along[:, [k]]) for k in range(3)])
+
+
+def quantisation_step(values: Array) -> float:
+    """Step of a signal (N,) all of whose values are multiples of it, but for a constant; else 0."""
+    known = values[np.isfinite(values)]
+    scale = float(np.ptp(known)) if len(known) else 0.0
+    if scale == 0.0:
+        return 0.0
+    levels, counts = np.unique(np.round(known / scale, 9), return_counts=True)
+    step = float(np.quantile(np.diff(levels), 0.1))
+    steps = (levels - levels[np.argmax(counts)]) / step
+    on_steps = np.abs(steps - np.round(steps)) < _OFF_STEP
+    return scale * step if counts[on_steps].sum() >= _ON_STEPS * len(known) else 0.0
+
+
+def rounding_noise(contact: ContactStream, values: Array) -> Array:
+    """Standard deviation (3,) that coarse steps of a sensor add along each axis of its frame.
+
+    std = step / sqrt(12): the error is spread evenly over one step.
+
+    Args:
+        contact: whose frame turns with the sensor.
+        values: forces or torques (N, 3) in world axes, at the times of the contact's forces.
+    """
+    looked = np.linspace(0, len(values) - 1, min(len(values), _MOST_LOOKED_AT)).astype(int)
+    turned = between_turns(contact.pose_time, contact.rotation, contact.time[looked])
+    along = np.einsum("nji,nj->ni", turned, values[looked])
+    return np.array([quantisation_step(axis) / math.sqrt(12.0) for axis in along.T])
 
 
 def _differences(time: Array, values: Array) -> tuple[Array, NDArray[np.intp]]:

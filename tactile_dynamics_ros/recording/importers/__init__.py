@@ -1,5 +1,6 @@
 """Importers of measurements in other forms; add one to the table to add a word to the command."""
 
+from tactile_dynamics_ros.recording.importers.bag import BagImporter
 from tactile_dynamics_ros.recording.importers.biotac_slide import BiotacSlideImporter
 from tactile_dynamics_ros.recording.importers.contactnets_cube import ContactnetsCubeImporter
 from tactile_dynamics_ros.recording.importers.csv_mapping import CsvMappingImporter
@@ -15,6 +16,7 @@ from tactile_dynamics_ros.recording.importers.static_poses import StaticPosesImp
 IMPORTERS: tuple[Importer, ...] = (
     CsvMappingImporter(),
     StaticPosesImporter(),
+    BagImporter(),
     KukaFtImuImporter(),
     ContactnetsCubeImporter(),
     BiotacSlideImporter(),

@@ -1,44 +1,30 @@
-"""Topics of a recording as tables: poses, wrenches, joint angles, and frames of /tf."""
+"""Topics of a recording as tables of numbers, whatever their types."""
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from rosbags.highlevel import AnyReader, AnyReaderError
-from rosbags.typesys import Stores, get_typestore
 
-from tactile_dynamics_ros.core.errors import BadInputError, nearest_file
-from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion, quaternion_to_matrix
-from tactile_dynamics_ros.core.streams.streams import between_turns
-from tactile_dynamics_ros.recording.bag_files import (
-    DAMAGE,
-    ROS1_SUFFIX,
-    STORAGE_SUFFIXES,
-    named_connections,
-    one_line,
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.recording.bag_files import ROS1_SUFFIX, STORAGE_SUFFIXES
+from tactile_dynamics_ros.recording.importers.bag_reader import BagReader
+from tactile_dynamics_ros.recording.importers.message_columns import (
+    Getter,
+    columns_of,
+    joints_of,
+    member_of,
 )
-from tactile_dynamics_ros.recording.bag_limits import check_readable
 from tactile_dynamics_ros.recording.importers.tables import Table
+from tactile_dynamics_ros.recording.topics import NO_STAMPS, RECEIVE
 
-Array = NDArray[np.float64]
-
-POSE_COLUMNS = (*(f"position.{a}" for a in "xyz"), *(f"orientation.{a}" for a in "xyzw"))
-"""Columns of a topic of poses."""
-WRENCH_COLUMNS = (*(f"force.{a}" for a in "xyz"), *(f"torque.{a}" for a in "xyz"))
-"""Columns of a topic of wrenches."""
-TF, TF_STATIC = "/tf", "/tf_static"
-"""Topics of frames; that of those which never move is looked at too."""
-_TF_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
-"""Types of these topics in ROS 2 and in ROS 1."""
-_PAUSE = 5.0
-"""Step over the median step of a frame from which it is not interpolated: nothing is invented in a
-gap. Three messages lost in a row make 4."""
+_STATES = 20
+"""Joint states among which that of an arm is, where a gripper publishes at up to ten times its
+rate."""
 
 
 def is_bag(path: Path) -> bool:
@@ -52,230 +38,99 @@ def topic_types(path: Path) -> dict[str, str]:
     Raises:
         BadInputError: the recording cannot be read.
     """
-    with _opened(path) as reader:
-        return {c.topic: c.msgtype for c in named_connections(reader)}
+    with BagReader(path) as reader:
+        return reader.types
 
 
-def read_topic(path: Path, topic: str) -> Table:
-    """Return one topic of poses, wrenches or joint angles as a table with its stamps in s.
+def first_messages(path: Path) -> dict[str, Any]:
+    """Return the first message of every topic whose type is known and that can be read.
+
+    Of joint states it is that of the most joints: an arm and its gripper may share a topic.
 
     Raises:
-        BadInputError: the topic is not there, or its type has none of these.
+        BadInputError: the recording cannot be read.
     """
-    rows, frames, names = [], [], ()
-    for message in _messages(path, topic):
-        found = _row(message)
-        if found is None:
-            kind = type(message).__name__
-            raise BadInputError(
-                f"{topic} in {path} is a {kind}; expected poses, wrenches, transforms, odometry or "
-                "joint states with a header"
-            )
-        names, values = found
-        rows.append([_seconds(message.header), *values])
-        frames.append(str(message.header.frame_id))
-    if not rows:
+    found = {}
+    with BagReader(path) as reader:
+        for topic in reader.types:
+            with suppress(BadInputError):
+                count = _STATES if reader.types[topic].endswith("JointState") else 1
+                first = [message for _, message in islice(reader.messages(topic), count)]
+                found |= {topic: max(first, key=lambda one: len(joints_of(one)))} if first else {}
+    return found
+
+
+def read_topic(path: Path, topic: str, field: str = "", stamps: str = "header") -> Table:
+    """Return the numbers of one topic as a table with its stamps in s.
+
+    Args:
+        path: of the recording.
+        topic: of any type whose definition is known.
+        field: path of the part of the messages that is meant, as `o_t_ee`; "" for all.
+        stamps: "header", or "receive" for the times at which messages were received.
+
+    Raises:
+        BadInputError: the topic or the field is not there, or holds no numbers.
+    """
+    if stamps not in ("header", RECEIVE):
+        raise BadInputError(f"{topic}: stamps '{stamps}'; expected header or {RECEIVE}")
+    kinds: dict[tuple[str, ...], _Rows] = {}
+    with BagReader(path) as reader:
+        for received, message in reader.messages(topic):
+            try:
+                part = member_of(message, field)
+            except BadInputError as error:
+                raise BadInputError(f"{topic} in {path}: {error}") from error
+            key = joints_of(part)
+            if key not in kinds:
+                kinds[key] = _Rows(*columns_of(part))
+            kinds[key].add(message, part, received)
+    if not kinds:
         raise BadInputError(f"{topic} in {path} holds no message")
-    values = np.array([row for row in rows if len(row) == len(names) + 1], dtype=np.float64)
-    frame = max(set(frames), key=frames.count)
-    return Table(f"{path}: {topic}", ("time", *names), values, layout=f"frame '{frame}'")
+    rows = kinds[max(kinds, key=len)]
+    if not rows.names:
+        raise BadInputError(f"{topic} in {path} ({topic_types(path)[topic]}) holds no numbers")
+    table = rows.table(f"{path}: {topic}", stamps)
+    others = sum(len(one.values) for one in kinds.values()) - len(rows.values)
+    lines = (f"{others} messages with fewer joints (left out)",) if others else ()
+    label = f"{topic}.{field}" if field else topic
+    return replace(table, problems=table.problems + lines, label=label)
 
 
-def frame_of(path: Path, topic: str) -> str:
-    """Return the frame of the first message of a topic; "" without any."""
-    return next((str(m.header.frame_id).lstrip("/") for m in _messages(path, topic)), "")
+@dataclass
+class _Rows:
+    """Numbers of messages that are alike."""
 
+    names: tuple[str, ...]
+    get: Getter
+    values: list[list[float]] = field(default_factory=list)
+    times: list[tuple[float, float]] = field(default_factory=list)
+    frames: list[str] = field(default_factory=list)
 
-@dataclass(frozen=True)
-class Edge:
-    """How one frame moves in another: stamps (N,) s, places (N, 3) m and turns (N, 3, 3)."""
+    def add(self, message: Any, part: Any, received: int) -> None:
+        """Take a message; one with another count of numbers is left out."""
+        numbers = list(self.get(part))
+        if len(numbers) == len(self.names):
+            self.values.append(numbers)
+            self.times.append((stamp_of(message), 1e-9 * received))
+            self.frames.append(str(getattr(getattr(message, "header", None), "frame_id", "")))
 
-    parent: str
-    time: Array
-    position: Array
-    rotation: Array
-
-    @property
-    def is_fixed(self) -> bool:
-        """Whether it never moves."""
-        return len(self.time) == 1 or bool(
-            np.ptp(self.position, axis=0).max() == 0.0
-            and np.ptp(self.rotation, axis=0).max() == 0.0
+    def table(self, source: str, stamps: str) -> Table:
+        """Return the table, at the stamps of the headers or at receive times."""
+        stamped, received = np.array(self.times).T
+        unstamped = stamps == "header" and not np.any(stamped)
+        time = received if unstamped or stamps == RECEIVE else stamped
+        usual = max(set(self.frames), key=self.frames.count)
+        return Table(
+            source,
+            ("time", *self.names),
+            np.column_stack([time, np.array(self.values)]),
+            problems=(NO_STAMPS,) if unstamped else (),
+            layout=f"frame '{usual}'" if usual else "no frame",
         )
 
-    def at(self, time: Array) -> tuple[Array, Array]:
-        """Return places and turns at other times, NaN in gaps and beyond the ends."""
-        if self.is_fixed:
-            count = len(time)
-            return np.repeat(self.position[:1], count, 0), np.repeat(self.rotation[:1], count, 0)
-        place = np.stack([np.interp(time, self.time, axis) for axis in self.position.T], axis=1)
-        turn = between_turns(self.time, self.rotation, time)
-        usual = float(np.median(np.diff(self.time)))
-        after = np.clip(np.searchsorted(self.time, time), 1, len(self.time) - 1)
-        lost = self.time[after] - self.time[after - 1] > _PAUSE * usual
-        lost |= (time < self.time[0] - usual) | (time > self.time[-1] + usual)
-        lost &= ~np.isin(time, self.time)
-        place[lost], turn[lost] = np.nan, np.nan
-        return place, turn
 
-
-def read_frames(path: Path) -> dict[str, Edge]:
-    """Return how each frame moves in its parent, by the name of the child.
-
-    Raises:
-        BadInputError: there are no frames.
-    """
-    samples: dict[tuple[str, str], list[tuple[float, Any]]] = defaultdict(list)
-    types = topic_types(path)
-    for topic in (TF, TF_STATIC):
-        if types.get(topic) in _TF_TYPES:
-            for message in _messages(path, topic):
-                for part in message.transforms:
-                    names = (
-                        str(part.child_frame_id).lstrip("/"),
-                        str(part.header.frame_id).lstrip("/"),
-                    )
-                    samples[names].append((_seconds(part.header), part.transform))
-    if not samples:
-        raise BadInputError(f"{path} has no frames on {TF}; the topics are {', '.join(types)}")
-    return {child: _edge(parent, found) for (child, parent), found in samples.items()}
-
-
-def _edge(parent: str, samples: Sequence[tuple[float, Any]]) -> Edge:
-    stamps, first = np.unique([stamp for stamp, _ in samples], return_index=True)
-    parts = [samples[k][1] for k in first]
-    places = np.array([_three(part.translation) for part in parts])
-    named = np.array([_four(part.rotation) for part in parts])
-    return Edge(parent, stamps, places, quaternion_to_matrix(named / _length(named)))
-
-
-def read_frame(path: Path, frame: str, base: str | None = None) -> Table:
-    """Return the pose of a frame in the root of its tree, or in another frame, as a table.
-
-    Raises:
-        BadInputError: there is no such frame, or it never moves.
-    """
-    edges = read_frames(path)
-    chain = frame_chain(edges, frame, base, str(path))
-    moving = [edge for edge in chain if not edge.is_fixed]
-    if not moving:
-        raise BadInputError(f"{path}: frame '{frame}' never moves in '{chain[0].parent}'")
-    time = max((edge.time for edge in moving), key=len)
-    place, turn = np.zeros((len(time), 3)), np.tile(np.eye(3), (len(time), 1, 1))
-    for edge in chain:
-        step, twist = edge.at(time)
-        place = place + np.einsum("nij,nj->ni", turn, step)
-        turn = turn @ twist
-    known = np.isfinite(turn).all(axis=(1, 2))
-    named = np.full((len(time), 4), np.nan)
-    named[known] = matrix_to_quaternion(turn[known])
-    values = np.concatenate([time[:, None], place, named], axis=1)
-    root = chain[0].parent
-    return Table(f"{path}: {TF}", ("time", *POSE_COLUMNS), values, layout=f"'{frame}' in '{root}'")
-
-
-def frame_chain(edges: dict[str, Edge], frame: str, base: str | None, source: str) -> list[Edge]:
-    """Return the edges from the base, or the root, to a frame.
-
-    Raises:
-        BadInputError: there is no such frame, or the base does not carry it.
-    """
-    if frame not in edges:
-        raise BadInputError(f"{source}: no frame '{frame}' on {TF}; there are {', '.join(edges)}")
-    chain, seen = [edges[frame]], {frame}
-    while chain[0].parent in edges and chain[0].parent != base:
-        if chain[0].parent in seen:
-            raise BadInputError(f"{source}: the frames on {TF} run in a circle at '{frame}'")
-        seen.add(chain[0].parent)
-        chain.insert(0, edges[chain[0].parent])
-    if base is not None and chain[0].parent != base:
-        raise BadInputError(f"{source}: frame '{frame}' does not hang on '{base}'")
-    return chain
-
-
-def _row(message: Any) -> tuple[tuple[str, ...], list[float]] | None:
-    """Names and numbers of one message; None if it is of another kind."""
-    if not hasattr(message, "header"):
-        return None
-    if hasattr(message, "wrench"):
-        return WRENCH_COLUMNS, [*_three(message.wrench.force), *_three(message.wrench.torque)]
-    if hasattr(message, "transform"):
-        part = message.transform
-        return POSE_COLUMNS, [*_three(part.translation), *_four(part.rotation)]
-    if hasattr(message, "pose"):
-        pose = message.pose.pose if hasattr(message.pose, "pose") else message.pose
-        return POSE_COLUMNS, [*_three(pose.position), *_four(pose.orientation)]
-    if hasattr(message, "name") and hasattr(message, "position"):
-        return tuple(map(str, message.name)), [float(v) for v in message.position]
-    return None
-
-
-def _three(vector: Any) -> list[float]:
-    return [vector.x, vector.y, vector.z]
-
-
-def _four(quaternion: Any) -> list[float]:
-    return [quaternion.x, quaternion.y, quaternion.z, quaternion.w]
-
-
-def _length(named: Array) -> Array:
-    length = np.linalg.norm(named, axis=1, keepdims=True)
-    return np.where(length > 0.0, length, np.nan)
-
-
-def _seconds(header: Any) -> float:
-    return float(header.stamp.sec) + 1e-9 * float(header.stamp.nanosec)
-
-
-def _messages(path: Path, topic: str) -> Iterator[Any]:
-    """Yield the messages of a topic.
-
-    Raises:
-        BadInputError: the recording cannot be read, or has no such topic.
-    """
-    with _opened(path) as reader:
-        named = named_connections(reader)
-        connections = [c for c in named if c.topic == topic]
-        if not connections:
-            present = ", ".join(sorted({c.topic for c in named}))
-            raise BadInputError(f"{path} has no topic {topic}; the topics are {present}")
-        try:
-            for connection, _, data in reader.messages(connections=connections):
-                yield reader.deserialize(data, connection.msgtype)
-        except (AnyReaderError, *DAMAGE) as error:
-            raise BadInputError(f"{path}: {topic} is damaged: {one_line(error)}") from error
-
-
-class _opened:  # noqa: N801 - used as a function
-    """A reader of any recording, whose errors are one line."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._reader: AnyReader | None = None
-
-    def __enter__(self) -> AnyReader:
-        if not self._path.exists():
-            raise BadInputError(
-                f"{self._path}: no such file or directory; expected a recording"
-                + nearest_file(self._path)
-            )
-        check_readable(self._path)
-        ros1 = self._path.suffix == ROS1_SUFFIX
-        store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_JAZZY)
-        return self._guarded(lambda: self._open(store))
-
-    def __exit__(self, *error: object) -> None:
-        if self._reader is not None:
-            self._reader.close()
-
-    def _open(self, store: Any) -> AnyReader:
-        self._reader = AnyReader([self._path], default_typestore=store)
-        self._reader.open()
-        return self._reader
-
-    def _guarded(self, action: Callable[[], AnyReader]) -> AnyReader:
-        try:
-            return action()
-        except (AnyReaderError, *DAMAGE) as error:
-            self._reader = None
-            raise BadInputError(f"{self._path} cannot be read: {one_line(error)}") from error
+def stamp_of(message: Any) -> float:
+    """Return the header stamp in s; 0 for a message without."""
+    stamp = getattr(getattr(message, "header", None), "stamp", None)
+    return 0.0 if stamp is None else float(stamp.sec) + 1e-9 * float(stamp.nanosec)

@@ -13,20 +13,17 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.reading import read_yaml
-from tactile_dynamics_ros.recording.importers.bag_tables import (
-    TF,
-    is_bag,
-    read_frame,
-    read_topic,
-)
+from tactile_dynamics_ros.recording.importers.bag_frames import TF, read_frame
+from tactile_dynamics_ros.recording.importers.bag_tables import is_bag, read_topic
 from tactile_dynamics_ros.recording.importers.fields import (
     constant_rotation,
+    named_columns,
     read_field,
     read_stream,
 )
 from tactile_dynamics_ros.recording.importers.importer import Importer
 from tactile_dynamics_ros.recording.importers.joint_angles import KEYS, read_link
-from tactile_dynamics_ros.recording.importers.tables import Table, read_table
+from tactile_dynamics_ros.recording.importers.tables import Table, read_any_table
 from tactile_dynamics_ros.recording.importers.worlds import WORLD_KEYS, World, read_world
 from tactile_dynamics_ros.recording.pushed import PushedRecording, Support
 from tactile_dynamics_ros.recording.recording import Recording
@@ -37,6 +34,8 @@ SECTIONS = WORLD_KEYS | frozenset(
     ["object_pose", "object_imu", "contacts", "contact_frame", "static_poses", "link_2_pose"]
     + ["support"]
 )
+PLACE = ("file", "topic", "frame", "base", "field", "stamps")
+"""Keys that say where the table of a section is."""
 
 
 class CsvMappingImporter(Importer):
@@ -104,37 +103,44 @@ class _Tables:
         """
         if not isinstance(section, Mapping) or "file" not in section:
             raise BadInputError(f"{where}: expected a mapping with 'file' and fields")
-        key = tuple(str(section.get(part, "")) for part in ("file", "topic", "frame", "base"))
+        place = [str(section.get(part, "")) for part in PLACE]
+        columns = sorted(named_columns(section))
+        key = (*place, *columns)
         if key not in self._read:
-            self._read[key] = self._table(where, *key)
+            path = self.folder / place[0]
+            self._read[key] = (
+                self._topic(where, *place) if is_bag(path) else read_any_table(path, columns)
+            )
         return self._read[key]
 
-    def _table(self, where: str, file: str, topic: str, frame: str, base: str) -> Table:
-        """Read a file, a topic, or a frame of /tf."""
+    def _topic(
+        self, where: str, file: str, topic: str, frame: str, base: str, field: str, stamps: str
+    ) -> Table:
+        """Read a topic or a part of its messages, or a frame of /tf."""
         path = self.folder / file
-        if not is_bag(path):
-            return read_table(path)
         if not topic:
             raise BadInputError(f"{where}: {file} is a recording; expected its topic too")
         if topic == TF:
-            return read_frame(path, frame, base or None)
-        return read_topic(path, topic)
+            return read_frame(path, frame, base or None, stamps or "header")
+        return read_topic(path, topic, field, stamps or "header")
 
     def stream(
         self, where: str, section: Any, extra: frozenset[str] = frozenset()
     ) -> dict[str, Any]:
         """Return the arrays of a section; joint angles become a pose."""
         table = self.of(where, section)
-        own = frozenset(["topic"]) | KEYS | extra
+        own = frozenset([*PLACE, "sensor_pose"]) | KEYS | extra
         arrays = read_stream(where, section, table, own)
         if "urdf" in section:
             arrays |= read_link(where, section, table, self.folder)
+        if "sensor_pose" in section:
+            arrays |= _carried(f"{where}.sensor_pose", section["sensor_pose"], arrays)
         return arrays
 
     def problems(self) -> dict[str, int]:
         """Rows that could not be read, one line each."""
         return {
-            f"{Path(table.source).name}, {line}": 1
+            f"{table.label or Path(table.source).name}, {line}": 1
             for table in self._read.values()
             for line in table.problems
         }
@@ -188,6 +194,23 @@ def _pushes(
     return PushedRecording.from_arrays(
         contacts, links, contact_frame=frame, support=_support(mapping, source), source=source
     )
+
+
+def _carried(where: str, entry: Any, arrays: Mapping[str, Any]) -> dict[str, Any]:
+    """Return position and rotation of what sits on the body whose pose was recorded.
+
+    Raises:
+        BadInputError: the entry is no pose, or none was recorded.
+    """
+    if not isinstance(entry, Mapping) or not {"position", "rotation"} <= set(arrays):
+        raise BadInputError(f"{where}: expected position and orientation beside those of the body")
+    turn = {key: value for key, value in entry.items() if key != "position"}
+    place = np.asarray(entry.get("position", (0.0, 0.0, 0.0)), dtype=np.float64)
+    rotation = arrays["rotation"]
+    return {
+        "position": arrays["position"] + rotation @ place,
+        "rotation": rotation @ constant_rotation(where, turn),
+    }
 
 
 def _support(mapping: Mapping[str, Any], source: str) -> Support:

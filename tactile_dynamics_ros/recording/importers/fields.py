@@ -111,6 +111,17 @@ def _turn_position(where: str, section: Mapping[str, Any], arrays: dict[str, Any
     arrays["position"] = -(arrays["rotation"] @ arrays["position"][..., None])[..., 0]
 
 
+def named_columns(part: Any) -> set[str]:
+    """Return the columns that a part of a mapping names, but for sections of other tables."""
+    if not isinstance(part, Mapping):
+        return set()
+    if "columns" in part:
+        names = part["columns"]
+        names = list(names.values()) if isinstance(names, Mapping) else names
+        return set(map(str, names)) if isinstance(names, list) else {str(names)}
+    return {name for key, one in part.items() if key != "pose" for name in named_columns(one)}
+
+
 def read_field(where: str, key: str, entry: Any, table: Table) -> Any:
     """Return one field: columns of the table, or a constant."""
     if key not in FIELDS:

@@ -19,11 +19,15 @@ from tactile_dynamics_ros.core.robot.kinematic_tree import (
     read_tree,
 )
 from tactile_dynamics_ros.core.robot.robot import Joint
+from tactile_dynamics_ros.recording.importers.bag_reader import BagReader
+from tactile_dynamics_ros.recording.importers.bag_tables import is_bag
 from tactile_dynamics_ros.recording.importers.fields import UNITS
 from tactile_dynamics_ros.recording.importers.tables import Table
 
 Array = NDArray[np.float64]
 
+ROBOT_DESCRIPTION = "/robot_description"
+"""Topic on which robots publish their URDF."""
 KEYS = frozenset(["joints", "urdf", "frame", "base"])
 """Keys of a section whose pose comes from joint angles."""
 
@@ -33,17 +37,17 @@ def read_link(where: str, section: Mapping[str, Any], table: Table, folder: Path
 
     Args:
         where: for messages to the user.
-        section: `urdf`: file; `frame`: link; `base`: link (the root by default); `joints`: columns
-            of all joints from base to link in order, with their unit, or by name of the joint;
-            left out where columns bear the names of the joints.
+        section: `urdf`: file, or topic of the recording; `frame`: link; `base`: link (the root by
+            default); `joints`: columns of all joints from base to link in order, with their unit,
+            or by name of the joint; left out where columns bear the names of the joints.
         table: with the columns.
         folder: of the URDF.
 
     Raises:
         BadInputError: a link or a column is missing, or there are more or fewer than joints.
     """
-    path = folder / str(section["urdf"])
-    tree = read_tree(read_text(path, "a URDF"), str(path))
+    urdf = str(section["urdf"])
+    tree = read_tree(urdf_text(urdf, folder, folder / str(section["file"])) or "", urdf)
     base = str(section.get("base") or _root(tree))
     if "frame" not in section:
         raise BadInputError(f"{where}: no frame; expected the link that carries the sensor")
@@ -51,6 +55,25 @@ def read_link(where: str, section: Mapping[str, Any], table: Table, folder: Path
     angles = _angles(f"{where}.joints", section.get("joints"), independent(joints), table)
     position, rotation = link_pose(joints, angles)
     return {"position": position, "rotation": rotation}
+
+
+def urdf_text(urdf: str, folder: Path, recording: Path, required: bool = True) -> str | None:
+    """Return the text of a URDF.
+
+    Args:
+        urdf: a file, or the topic of a recording that holds it.
+        folder: of the file.
+        recording: with the topic; a table of another kind has none.
+        required: whether a topic must be there; if not, None is returned.
+
+    Raises:
+        BadInputError: it cannot be read.
+    """
+    if is_bag(recording):
+        with BagReader(recording) as reader:
+            if reader.types.get(urdf, "").endswith("/String"):
+                return next((str(message.data) for _, message in reader.messages(urdf)), None)
+    return read_text(folder / urdf, "a URDF") if required else None
 
 
 def link_pose(joints: Sequence[Joint], angles: Mapping[str, Array]) -> tuple[Array, Array]:

@@ -17,16 +17,12 @@ from tactile_dynamics_ros.core.planar.joining import join_pushes
 from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, PushedStreams
 from tactile_dynamics_ros.core.rigid_body.rotation import quaternion_to_matrix
 from tactile_dynamics_ros.recording import topics
-from tactile_dynamics_ros.recording.assembly import (
-    PoseColumns,
-    WrenchColumns,
-    assemble_contact,
-    assemble_pose,
-)
+from tactile_dynamics_ros.recording.assembly import assemble_contact, assemble_pose
 from tactile_dynamics_ros.recording.bag_files import BagTables, read_messages, read_tables
 from tactile_dynamics_ros.recording.cdr import MessageTable
 from tactile_dynamics_ros.recording.cleaning import ProblemLog, ranked_lines
-from tactile_dynamics_ros.recording.frames import Frames, in_world_axes
+from tactile_dynamics_ros.recording.columns import PoseColumns, WrenchColumns
+from tactile_dynamics_ros.recording.frames import Frames
 from tactile_dynamics_ros.recording.namespaces import RecordedNames
 from tactile_dynamics_ros.recording.pushed import names
 from tactile_dynamics_ros.recording.pushed.arrays import pushes_from_arrays
@@ -306,6 +302,6 @@ class _Assembly:
         """Return forces in axes of the world, or None if there are none."""
         if self._frames.sensor_of(topic):
             wrench = topics.wrench_columns(topic, self._bag.tables[topic], self._clock)
-            return in_world_axes(wrench, placed)
+            return wrench.in_world_axes(placed)
         table = self._world(topic)
         return None if table is None else topics.wrench_columns(topic, table, self._clock)

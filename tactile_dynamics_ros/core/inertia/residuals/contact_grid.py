@@ -17,7 +17,11 @@ from tactile_dynamics_ros.core.numerics.local_polynomial import (
     local_polynomial,
     typical_period,
 )
-from tactile_dynamics_ros.core.numerics.noise import noise_along_axes, white_noise_std
+from tactile_dynamics_ros.core.numerics.noise import (
+    noise_along_axes,
+    rounding_noise,
+    white_noise_std,
+)
 from tactile_dynamics_ros.core.streams.streams import (
     ContactStream,
     Streams,
@@ -355,14 +359,14 @@ def _force_noise(contact: ContactStream) -> Array:
 
 
 def _seen_noise(contact: ContactStream, values: Array, fallback: float) -> Array:
-    """Noise factors (K, 3, 3) of forces or torques from their scatter."""
-    least = _NOISELESS * fallback
-    if not contact.own_axes:
+    """Noise factors (K, 3, 3) of forces or torques: their scatter, and at least their steps."""
+    least, rounding = _NOISELESS * fallback, rounding_noise(contact, values)
+    if not contact.own_axes and not np.any(rounding > least):
         seen = white_noise_std(contact.time, values)
         std = seen if seen > least else fallback
         return np.broadcast_to(std * np.eye(3), (len(contact.time), 3, 3))
     axes = contact.rotation[nearest_samples(contact.pose_time, contact.time)]
-    stds = noise_along_axes(contact, values)
+    stds = np.maximum(noise_along_axes(contact, values), rounding)
     return np.asarray(axes * np.where(stds > least, stds, fallback))
 
 

@@ -20,6 +20,9 @@ KNOWN = {
     "frame": "axes of the forces: sensor or world",
     "gravity": "direction in which things fall in the world of the poses, as 0,-1,0",
     "sensor_rotation": "Euler angles xyz, deg, of a sensor that is mounted turned, as 0,0,90",
+    "stamps": "header, or receive for the times at which a recorder received the messages",
+    "body": "frame of /tf_static that the pose is of",
+    "urdf": "file of the arm whose joint angles were recorded",
     "reads": "load (the sensor reads the load's weight) or object (forces on the object)",
 }
 """Keys of answers and what they mean."""
@@ -40,6 +43,11 @@ class Answers:
         unknown = sorted(set(self._given) - set(KNOWN))
         if unknown:
             raise BadInputError(f"--say {unknown[0]}: unknown; expected one of {', '.join(KNOWN)}")
+
+    @property
+    def given(self) -> dict[str, str]:
+        """What was said, by key."""
+        return dict(self._given)
 
     def get(self, key: str) -> str | None:
         """Return the answer, if it was given."""

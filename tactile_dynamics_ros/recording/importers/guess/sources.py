@@ -17,7 +17,7 @@ from tactile_dynamics_ros.recording.importers.guess.names import read_names
 from tactile_dynamics_ros.recording.importers.guess.orientations import is_by_rows
 from tactile_dynamics_ros.recording.importers.guess.times import TimeColumn, find_time
 from tactile_dynamics_ros.recording.importers.guess.unnamed import groups_of_numbers
-from tactile_dynamics_ros.recording.importers.tables import Table, read_table
+from tactile_dynamics_ros.recording.importers.tables import Table, read_tables
 
 Array = NDArray[np.float64]
 
@@ -48,11 +48,11 @@ class Source:
     time: TimeColumn | None
 
     @classmethod
-    def read(cls, path: Path, answers: Answers, alone: bool = True) -> Source:
-        """Read a table and take its names apart.
+    def read(cls, path: Path, answers: Answers, alone: bool = True) -> list[Source]:
+        """Read the tables of a file and take their names apart.
 
         Args:
-            path: of the table.
+            path: of the file.
             answers: to questions.
             alone: whether it must hold both pose and force.
 
@@ -60,12 +60,17 @@ class Source:
             BadInputError: it cannot be read.
             Question: a column may be the time in units that differ.
         """
-        table = read_table(path)
+        tables = read_tables(path)
+        alone &= len(tables) == 1
+        return [cls._of({"file": path.name}, table, answers, alone) for table in tables]
+
+    @classmethod
+    def _of(cls, place: dict[str, str], table: Table, answers: Answers, alone: bool) -> Source:
         names = read_names(table.names, table.units)
         time = find_time(table, names, answers)
         named = table.has_header
         groups = find_groups(names) if named else groups_of_numbers(table, time, alone)
-        return cls({"file": path.name}, table, groups, time)
+        return cls(place, table, groups, time)
 
     @classmethod
     def of_topic(cls, place: dict[str, str], table: Table, answers: Answers) -> Source:

@@ -10,7 +10,7 @@ from typing import Any
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.recording.importers.bag_tables import is_bag
 from tactile_dynamics_ros.recording.importers.guess.answers import Answers, Question
-from tactile_dynamics_ros.recording.importers.guess.bags import bag_sources
+from tactile_dynamics_ros.recording.importers.guess.bags import bag_mapping
 from tactile_dynamics_ros.recording.importers.guess.fingers import find_fingers, held_mapping
 from tactile_dynamics_ros.recording.importers.guess.sources import Source
 from tactile_dynamics_ros.recording.importers.guess.wrist import WristGuess
@@ -70,11 +70,9 @@ def _mapping(
     if any(is_bag(path) for path in paths):
         if len(paths) > 1:
             raise Question("one recording at a time; tables and recordings do not mix")
-        sources = bag_sources(paths[0], answers)
-        for source in sources:
-            note(source.label, f"{len(source.table.values)} messages; {source.table.layout}")
-        return WristGuess(sources[0], sources[1], answers, note).mapping()
-    sources = [Source.read(path, answers, len(paths) == 1) for path in paths]
+        return bag_mapping(paths[0], answers, note)
+    alone = len(paths) == 1
+    sources = [source for path in paths for source in Source.read(path, answers, alone)]
     for source in sources:
         note(source.label, f"{len(source.table.values)} rows; {source.table.layout}")
         for problem in source.table.problems:

@@ -274,13 +274,13 @@ class WristGuess:
         mounting = self._mounting(judged)
         signs = self._signs(mounting)
         mass = abs(judged.weighing.mass) * UNITS["force"][unit]
+        about = f"; about {mass:.3g} kg" if judged.weighing.seen else ""
         reads = (
             "acts on the object" if signs[0][0] > 0.0 else "is the load on the sensor, sign turned"
         )
         self.note(
             "force",
-            f"{force.label} in {unit}, axes of the {judged.weighing.axes}; it {reads}; about "
-            f"{mass:.3g} kg",
+            f"{force.label} in {unit}, axes of the {judged.weighing.axes}; it {reads}{about}",
         )
         fields: dict[str, Any] = {
             "force": {"columns": list(force.columns), "unit": unit, "scale": scale_of(signs[0])}

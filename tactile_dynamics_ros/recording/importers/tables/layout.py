@@ -23,6 +23,12 @@ MISSING = frozenset(
 """Cells, in small letters, that hold no number on purpose."""
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?|[+-]?inf(inity)?", re.IGNORECASE)
 _DECIMAL_COMMA = re.compile(r"[+-]?(\d+(,\d*)?|,\d+)([eE][+-]?\d+)?")
+_GROUPED = re.compile(
+    r"[+-]?\d{1,3}(?:(?:\.\d{3})+(?:,\d*)?|(?:,\d{3})+(?:\.\d*)?"
+    r"|(?:['’\u00a0\u202f]\d{3})+(?:[.,]\d*)?)"
+)
+"""A number whose thousands are parted: 1.234,5, 1,234.5 or 1'234.5, or by blanks that do not break
+a line."""
 _SAMPLED = 200
 """Lines at the end of a file from which the layout is read: what precedes the rows stands at the
 beginning, and so many lines fix separator and width of any table."""
@@ -44,6 +50,7 @@ class Layout:
     Attributes:
         separator: between cells; None for blanks.
         decimal_comma: whether numbers are written 0,5.
+        thousands: sign between thousands; "" for none.
         names: of the columns; "1", "2", ... without a header.
         units: of the columns by name, as written, where a row of units was found.
         rows: line number (from 1) and cells of each row.
@@ -55,14 +62,22 @@ class Layout:
     units: dict[str, str]
     rows: list[tuple[int, list[str]]]
     has_header: bool
+    thousands: str = ""
 
     @property
     def description(self) -> str:
         """What parts cells and decimals, for people."""
         words = {";": "semicolons", "\t": "tabs", ",": "commas", "|": "bars", None: "blanks"}
         decimal = "decimal commas" if self.decimal_comma else "decimal points"
+        grouped = f", thousands as 1{self.thousands}000" if self.thousands else ""
         header = "" if self.has_header else ", no header"
-        return f"{words[self.separator]}, {decimal}{header}"
+        return f"{words[self.separator]}, {decimal}{grouped}{header}"
+
+    def plain(self, cell: str) -> str:
+        """Return a number as Python reads it."""
+        if self.thousands:
+            cell = cell.replace(self.thousands, "")
+        return cell.replace(",", ".") if self.decimal_comma else cell
 
 
 def find_layout(text: str) -> Layout | None:
@@ -100,10 +115,9 @@ def find_layout(text: str) -> Layout | None:
     rows = _without_empty_end(rows, width)
     width = max(Counter(len(cells) for _, cells in rows).items(), key=lambda item: item[1])[0]
     names, units = _header([line for _, line in lines[:first]], separator, width)
-    comma = separator != "," or '"' in lines[first][1]
-    decimal_comma = comma and _uses_decimal_comma(rows)
+    decimal_comma, thousands = _signs(rows)
     named = names or [str(k + 1) for k in range(width)]
-    return Layout(separator, decimal_comma, tuple(named), units, rows, bool(names))
+    return Layout(separator, decimal_comma, tuple(named), units, rows, bool(names), thousands)
 
 
 def _refuse_wide(line: str) -> None:
@@ -123,8 +137,10 @@ def split_line(line: str, separator: str | None) -> list[str]:
 
 
 def is_number(cell: str) -> bool:
-    """Whether a cell is a number, with decimal point or comma."""
-    return bool(_NUMBER.fullmatch(cell) or _DECIMAL_COMMA.fullmatch(cell))
+    """Whether a cell is a number, with decimal point or comma, with thousands parted or not."""
+    return bool(
+        _NUMBER.fullmatch(cell) or _DECIMAL_COMMA.fullmatch(cell) or _GROUPED.fullmatch(cell)
+    )
 
 
 def _judge(lines: Sequence[str], separator: str | None) -> tuple[float, int]:
@@ -160,11 +176,42 @@ def _without_empty_end(
     return [(k, cells[:-1] if len(cells) == width else cells) for k, cells in rows]
 
 
-def _uses_decimal_comma(rows: Sequence[tuple[int, list[str]]]) -> bool:
-    sample = [cell for _, cells in rows[:_SAMPLED] for cell in cells]
-    return any("," in cell for cell in sample if is_number(cell)) and not any(
-        "." in cell for cell in sample if is_number(cell)
-    )
+def _signs(rows: Sequence[tuple[int, list[str]]]) -> tuple[bool, str]:
+    """Return whether decimals stand behind a comma, and the sign between thousands.
+
+    One cell with both signs, or with one of them twice, tells. Else both may be in different cells:
+    then the one whose cells all look like thousands parts them, unless those of the other do too.
+    """
+    marked = {cell for _, cells in rows for cell in cells if "," in cell or cell.count(".") > 1}
+    present = set("".join("".join(cells) for _, cells in rows)) & set("'’\u00a0\u202f")
+    other = next((sign for sign in sorted(present) if _has_groups(rows, sign)), "")
+    marked = {cell for cell in marked if is_number(cell)}
+    grouped = {
+        sign for cell in marked for sign in ".," if _GROUPED.fullmatch(cell) and _tells(cell, sign)
+    }
+    if len(grouped) == 1:
+        sign = grouped.pop()
+        return sign == ".", sign
+    if not marked:
+        return False, other
+    points = [cell for _, cells in rows for cell in cells if "." in cell and is_number(cell)]
+    if not points:
+        return True, other
+    by_comma, by_point = (all(map(_GROUPED.fullmatch, cells)) for cells in (marked, points))
+    if by_comma != by_point:
+        return by_point, "," if by_comma else "."
+    return False, other
+
+
+def _has_groups(rows: Sequence[tuple[int, list[str]]], sign: str) -> bool:
+    """Whether a number has thousands parted by a sign that means nothing else."""
+    return any(sign in cell and _GROUPED.fullmatch(cell) for _, cells in rows for cell in cells)
+
+
+def _tells(cell: str, sign: str) -> bool:
+    """Whether a number has its thousands parted by a sign for sure."""
+    other = "," if sign == "." else "."
+    return cell.count(sign) > 1 or (sign in cell and other in cell.partition(sign)[2])
 
 
 def _header(

@@ -46,6 +46,7 @@ class Table:
         problems: one line of text for each row that was left out.
         layout: what parts cells and decimals, for people.
         has_header: whether the names come from the file.
+        label: topic of a recording, for people; "" for a file.
     """
 
     source: str
@@ -56,6 +57,7 @@ class Table:
     problems: tuple[str, ...] = ()
     layout: str = ""
     has_header: bool = True
+    label: str = ""
 
     def columns(self, *names: str) -> Array:
         """Return (N, len(names)) values.
@@ -109,7 +111,7 @@ def read_table(path: Path) -> Table:
             f"{path}: {bad[0]}, and {len(bad) - 1} more of {len(layout.rows)} rows cannot be read; "
             f"expected {len(layout.names)} numbers parted by {layout.description}"
         )
-    values = _numbers(good, words, layout.decimal_comma)
+    values = _numbers(good, words, layout)
     texts = {layout.names[k]: [cells[k] for cells in good] for k in sorted(words)}
     return Table(
         source=str(path),
@@ -135,9 +137,9 @@ def _is_word(cell: str) -> bool:
     return not is_number(cell) and cell.lower() not in MISSING
 
 
-def _is_wrong(cell: str, decimal_comma: bool) -> bool:
+def _is_wrong(cell: str, layout: Layout) -> bool:
     """Whether a cell is no number as those of the table are written."""
-    return _is_word(cell) or ("," in cell and not decimal_comma)
+    return _is_word(cell) or ("," in cell and "," in layout.plain(cell))
 
 
 def _sort_rows(layout: Layout, text: set[int]) -> tuple[list[list[str]], list[str]]:
@@ -148,9 +150,8 @@ def _sort_rows(layout: Layout, text: set[int]) -> tuple[list[list[str]], list[st
         if len(cells) != width:
             bad.append(f"line {number} has {len(cells)} cells, not {width}")
             continue
-        comma = layout.decimal_comma
         numbers = (k for k in range(width) if k not in text)
-        wrong = next((k for k in numbers if _is_wrong(cells[k], comma)), None)
+        wrong = next((k for k in numbers if _is_wrong(cells[k], layout)), None)
         if wrong is None:
             good.append(cells)
         else:
@@ -159,20 +160,20 @@ def _sort_rows(layout: Layout, text: set[int]) -> tuple[list[list[str]], list[st
     return good, bad
 
 
-def _numbers(rows: Sequence[Sequence[str]], text: set[int], decimal_comma: bool) -> Array:
+def _numbers(rows: Sequence[Sequence[str]], text: set[int], layout: Layout) -> Array:
     """Return (N, K) numbers; NaN for missing cells and words."""
     width = len(rows[0])
     values = np.full((len(rows), width), np.nan)
     for k in range(width):
         if k not in text:
-            values[:, k] = [_number(cells[k], decimal_comma) for cells in rows]
+            values[:, k] = [_number(cells[k], layout) for cells in rows]
     return np.where(np.abs(values) <= _LARGEST, values, np.nan)
 
 
-def _number(cell: str, decimal_comma: bool) -> float:
+def _number(cell: str, layout: Layout) -> float:
     if cell.lower() in MISSING:
         return float("nan")
-    return float((cell.replace(",", ".") if decimal_comma else cell).replace("D", "e"))
+    return float(layout.plain(cell).replace("D", "e"))
 
 
 def _shortened(bad: Sequence[str]) -> list[str]:
