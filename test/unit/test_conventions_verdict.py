@@ -124,12 +124,12 @@ def test_a_diagnosis_says_that_more_than_one_convention_may_be_wrong():
     assert "Correct the recording" not in document["sentence"]
 
 
-def test_a_sign_beside_a_push_is_read_right_before_the_push_is_named():
-    """The right reading leaves only 2.2 times less of the load alone, and still less beside it."""
-    streams, _ = wrist(12, "torque_sign", 12, effects=(("unsensed_contact", 1.0),))
+def test_a_sign_beside_a_drag_is_read_right_before_the_drag_is_named():
+    """The right reading leaves much less, and still less beside the drag."""
+    streams, _ = wrist(12, "torque_sign", 12, effects=(("viscous_drag", 2.0),))
     found = explain(question(streams))
     assert [one.name for one in found.conventions] == ["torque_sign"]
-    assert (found.verdict, found.effects) == ("adequate", ("unsensed_contact",))
+    assert (found.verdict, found.effects) == ("adequate", ("viscous_drag",))
 
 
 def test_three_conventions_are_not_believed():

@@ -50,11 +50,15 @@ def _support(weighing: Weighing, moment: Array) -> float:
 
 
 def lever_of(scene: Scene, weighing: Weighing) -> float | None:
-    """Distance of the centre of mass as torques in their own unit tell it; None without torques."""
-    if not _is_measured(scene):
+    """Distance of the centre of mass as torques in their own unit tell it.
+
+    None without torques, or where neither weight nor acceleration shows a mass.
+    """
+    mass = abs(weighing.mass or weighing.inertial or 0.0)
+    if not _is_measured(scene) or mass == 0.0:
         return None
     moment, _ = _fit(scene, weighing, torque_signs(scene, weighing))
-    return float(np.linalg.norm(moment)) / abs(weighing.mass)
+    return float(np.linalg.norm(moment)) / mass
 
 
 def torque_size(scene: Scene, weighing: Weighing) -> tuple[float, float] | None:

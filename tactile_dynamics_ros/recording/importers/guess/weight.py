@@ -129,6 +129,7 @@ class Weighing:
         size: RMS of the force.
         sides: one, or those before and after a change.
         ratio: mass by acceleration over mass by weight; None where none is seen.
+        inertial: mass by acceleration; None where none is seen.
     """
 
     axes: str
@@ -139,6 +140,7 @@ class Weighing:
     size: float
     sides: tuple[Side, ...]
     ratio: float | None
+    inertial: float | None
 
     @property
     def mass(self) -> float:
@@ -271,7 +273,8 @@ class Scene:
         force = self.own_axes(self.force, axes, turn)
         weight = GRAVITY * self.in_body(up)[..., None]
         columns = np.concatenate([weight, self._columns], axis=2)
-        squares, rows, sides, ratios = 0.0, 0, [], []
+        squares, rows = 0.0, 0
+        sides, ratios, inertial = [], [], []
         for part in self.sides:
             fit = _Fit.of(columns[part], force[part], self.measured.time is None)
             squares, rows = squares + fit.squares, rows + fit.freedom
@@ -280,6 +283,7 @@ class Scene:
                 Side(fit.value[0], fit.std[0], fit.value[moment], fit.std[moment], fit.value[5:])
             )
             if abs(fit.value[1]) > _CLEAR * fit.std[1]:
+                inertial.append(fit.value[1])
                 ratios.append(fit.value[1] / fit.value[0] if fit.value[0] else np.inf)
         middle = np.concatenate([force[part] - force[part].mean(axis=0) for part in self.sides])
         return Weighing(
@@ -291,6 +295,7 @@ class Scene:
             size=float(np.sqrt(np.mean(force**2))),
             sides=tuple(sides),
             ratio=float(np.median(ratios)) if ratios else None,
+            inertial=float(np.median(inertial)) if inertial else None,
         )
 
     def felt_up(self, axes: str, turn: Array | None = None) -> Array | None:
