@@ -110,10 +110,10 @@ def _of_hand(document: dict[str, Any]) -> dict[str, Any]:
     if not document:
         return _row("", [], None, None, None)
     story = document.get("explanation") or {}
-    error = story.get("error", {})
+    error, groups = story.get("error", {}), story.get("groups", {})
     return _row(
         str(story.get("verdict", "none")),
-        list(story.get("effects", [])),
+        [" or ".join(groups.get(name, [name])) for name in story.get("effects", [])],
         deviation(document["offline"], document["truth"]),
         error.get("before"),
         error.get("after"),
