@@ -180,7 +180,7 @@ def _generate(args: Namespace) -> HiddenRecording:
     """
     from tactile_dynamics_ros import synthetic
 
-    names = _known_names(args.effect, (*synthetic.CATALOGUE, *synthetic.OUTSIDE))
+    names = _known_names(args.effect, (*synthetic.CATALOGUE, *synthetic.EVENTS, *synthetic.OUTSIDE))
     scenario = synthetic.ScenarioOptions(
         duration=args.duration,
         finger_roll=args.frames == "finger",

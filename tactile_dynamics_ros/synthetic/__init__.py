@@ -1,7 +1,7 @@
 """Recordings with hidden physical effects: prescribed motion and exact rigid-body dynamics."""
 
 from tactile_dynamics_ros.synthetic.calibration import magnitude_for_whitened_rms
-from tactile_dynamics_ros.synthetic.effects import CATALOGUE, OUTSIDE, create_hidden_effect
+from tactile_dynamics_ros.synthetic.effects import CATALOGUE, EVENTS, OUTSIDE, create_hidden_effect
 from tactile_dynamics_ros.synthetic.recordings import (
     HiddenRecording,
     generate,
@@ -12,6 +12,7 @@ from tactile_dynamics_ros.synthetic.sensors import SensorOptions
 
 __all__ = [
     "CATALOGUE",
+    "EVENTS",
     "OUTSIDE",
     "HiddenRecording",
     "Scenario",

@@ -56,6 +56,8 @@ _UNKNOWN = (
 )
 _EVENTS = (events.PayloadChange, events.GraspShift)
 CATALOGUE = tuple(effect.name for effect in _CATALOGUED)
+EVENTS = (events.PayloadChange.name,)
+"""Names of what happens to an object in a hand; a grasp that shifts shows in its pose."""
 OUTSIDE = tuple(effect.name for effect in _UNKNOWN)
 _BY_NAME = {effect.name: effect for effect in (*_CATALOGUED, *_UNKNOWN, *_EVENTS)}
 
@@ -85,4 +87,4 @@ def create_hidden_effect(
     return _BY_NAME[name].draw(randomness.stream(seed, "effect", name), magnitude, scenario)
 
 
-__all__ = ["CATALOGUE", "OUTSIDE", "HiddenEffect", "Quantity", "create_hidden_effect"]
+__all__ = ["CATALOGUE", "EVENTS", "OUTSIDE", "HiddenEffect", "Quantity", "create_hidden_effect"]
