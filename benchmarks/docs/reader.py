@@ -147,6 +147,15 @@ def _log(path: Path, text: str) -> None:
     np.savetxt(path, rows, delimiter=",", header=names, comments="", fmt="%.6f")
 
 
+def _arrays(path: Path, text: str) -> None:
+    """Write the same as arrays of one length."""
+    table = path.with_suffix(".columns")
+    _log(table, text)
+    rows = np.genfromtxt(table, delimiter=",", names=True)
+    table.unlink()
+    np.savez(path, **{name: rows[name] for name in rows.dtype.names})
+
+
 def _table_of(layout: Callable[[WristLog, Path], list[Path]], made: str) -> Callable[..., None]:
     """Return what writes one of the files of a layout."""
 
@@ -209,6 +218,7 @@ FILES: dict[str, Callable[[Path, str], None]] = {
     "cloud.ply": _cloud,
     "can.pcd": _cloud,
     "log.csv": _log,
+    "arrays.npz": _arrays,
     "trace.csv": _table_of(arms.kuka, "trace.csv"),
     "hand.csv": _table_of(arms.fingers, "hand.csv"),
     "wrench.csv": _table_of(laboratory.ati_and_pose, "netft.csv"),
