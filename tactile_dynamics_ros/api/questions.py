@@ -108,17 +108,13 @@ def question_held(
     """
     tell("fitting the rigid body")
     from tactile_dynamics_ros.core.inertia.diagnosis.misreading import question
-    from tactile_dynamics_ros.core.inertia.diagnosis.readings import (
-        fit_with_readings,
-        model_with_seen_noise,
-    )
+    from tactile_dynamics_ros.core.inertia.diagnosis.readings import model_with_seen_noise
 
-    fitted = fitted or fit_with_readings(recording.streams, effects)
     model = question(recording.streams, effects, fitted)
     return Question(
         model,
         recording.source,
-        lambda: dict(fitted.to_estimate().error.to_json()),
+        lambda: dict(model.fitted.to_estimate().error.to_json()),
         lambda: model_with_seen_noise(model, recording.streams, effects),
         lambda asked: _notes(asked.fitted),
         recording,

@@ -42,9 +42,12 @@ def read_recording(
         BadInputError: it cannot be read, or no contact pushes.
     """
     from tactile_dynamics_ros.recording import Recording
-    from tactile_dynamics_ros.recording.importers.bag import is_of_robot, read_robot_bag
+    from tactile_dynamics_ros.recording.bag_files import recorded_types
+    from tactile_dynamics_ros.recording.namespaces import is_of_robot
 
-    if not (remap or namespace or world_frame) and is_of_robot(Path(path)):
+    if not (remap or namespace or world_frame) and is_of_robot(recorded_types(Path(path))):
+        from tactile_dynamics_ros.recording.importers.bag import read_robot_bag
+
         return read_robot_bag(Path(path), stamps, urdf)
     if urdf is not None:
         raise BadInputError(f"--urdf {urdf}: {path} has other poses; leave it out")

@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 
 _LARGEST_INTEGER = 2**63 - 1
 """Largest whole number of a parameter, which ROS sends with 64 bits."""
+_GONE = 2.0
+"""Time for which nobody offers a service, s, before its node is taken to have ended: on a busy
+machine discovery forgets a node that lives for some tenths of a second."""
 TERMINATED = 128 + signal.SIGTERM
 """Exit code of a command that SIGTERM has ended, as shells count."""
 
@@ -38,7 +41,7 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
 
     call = verbs.add_parser("call", help="call a service without arguments (std_srvs/Trigger)")
     call.add_argument("service", metavar="SERVICE")
-    _add_timeout(call, 60.0, "wait this long for the answer")
+    _add_timeout(call, math.inf, "wait this long for the answer; else while the service is there")
     call.set_defaults(run=run_call)
 
     change = verbs.add_parser("set", help="change a parameter of a running node")
@@ -139,7 +142,7 @@ def call_trigger(node: Node, service: str, timeout: float) -> tuple[bool, str]:
 
     Raises:
         BadInputError: nobody offers the service.
-        TactileDynamicsError: no answer in time.
+        TactileDynamicsError: no answer in time, or who offered the service is gone.
     """
     from std_srvs.srv import Trigger
 
@@ -147,11 +150,28 @@ def call_trigger(node: Node, service: str, timeout: float) -> tuple[bool, str]:
     if not spin_until(node, client.service_is_ready, min(timeout, 5.0)):
         raise BadInputError(f"service '{service}' is not offered; start the node that has it")
     future = client.call_async(Trigger.Request())
-    if not spin_until(node, future.done, timeout):
+    gone = absence(client.service_is_ready)
+    if not spin_until(node, lambda: future.done() or gone(), timeout):
         raise TactileDynamicsError(f"service '{service}': no answer within {timeout} s")
+    if not future.done():
+        raise TactileDynamicsError(f"service '{service}': its node ended before it answered")
     answer = future.result()
     node.destroy_client(client)
     return bool(answer.success), str(answer.message)
+
+
+def absence(present: Callable[[], bool]) -> Callable[[], bool]:
+    """Return whether something has been absent for _GONE; asked again and again."""
+    seen = time.monotonic()
+
+    def absent() -> bool:
+        nonlocal seen
+        now = time.monotonic()
+        if present():
+            seen = now
+        return now - seen > _GONE
+
+    return absent
 
 
 def run_call(args: Namespace) -> int:

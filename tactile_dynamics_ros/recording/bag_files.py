@@ -99,6 +99,15 @@ def read_tables(path: Path, wanted: Callable[[str], bool]) -> BagTables:
     return bag
 
 
+def recorded_types(path: Path) -> dict[str, str]:
+    """Message type of every topic of a recording; of a damaged one, as far as it can be read.
+
+    Raises:
+        BadInputError: there is no recording at the path.
+    """
+    return read_tables(path, lambda topic: False).types
+
+
 def read_messages(path: Path, topic: str) -> Iterator[RawMessage]:
     """Yield the serialised messages of one topic; of a damaged recording those that can be read.
 

@@ -33,6 +33,12 @@ def split_topic(topic: str, known: re.Pattern[str]) -> tuple[str, str] | None:
     return None
 
 
+def is_of_robot(names: Iterable[str]) -> bool:
+    """Whether topics are those of a robot alone: there are some, and none is of a recording."""
+    found = list(names)
+    return bool(found) and not any(split_topic(topic, topics.NEEDED) for topic in found)
+
+
 def inside(topic: str, namespace: str) -> str | None:
     """Return a topic's name as a node in the namespace would write it at root; None if outside."""
     return topic[len(namespace) :] if topic.startswith(f"{namespace}/") else None

@@ -103,7 +103,6 @@ class ObjectMemory:
     def _begin(self) -> None:
         self._known = self.files.read()
         self._comparison: Comparison | None = None
-        self._begun: float | None = None
         self._since: float | None = None
         self._told = False
         self._saved = -float("inf")
@@ -123,7 +122,6 @@ class ObjectMemory:
         """
         if self._known is None:
             return estimate
-        self._begun = time if self._begun is None else self._begun
         combined, self._comparison = with_memory(estimate, self._known)
         if not self._comparison.changed:
             self._since, self._told = None, False
@@ -152,7 +150,7 @@ class ObjectMemory:
         fits = estimate.error.whitened_rms < MISFIT
         if not self.files.save or verdict.withheld or not fits or "mass" in estimate.not_excited:
             return
-        if self._begun is not None and time - self._begun < _LASTS:
+        if self._known is not None and estimate.duration < _LASTS:
             return  # too early to say that it is the same object
         changed = self.changed(time)
         if changed and self.files.is_one:

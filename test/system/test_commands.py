@@ -44,6 +44,28 @@ def test_echo_call_set_and_record_against_running_nodes(system, tmp_path):
     assert again.returncode == 2
 
 
+def test_a_call_waits_for_its_answer_while_the_node_lives(listener):
+    from rclpy.task import Future
+    from std_srvs.srv import Trigger
+
+    answer, asked = Future(), []
+
+    async def serve(_, response):
+        asked.append(1)
+        await answer
+        return response
+
+    service = listener.node.create_service(Trigger, "/silent", serve)
+    words = verb_command("call", "/silent")
+    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as call:
+        listener.wait(lambda: asked, 30.0, "/silent")
+        assert call.poll() is None
+        listener.node.destroy_service(service)
+        listener.wait(lambda: call.poll() is not None, 30.0, "end of the call")
+        assert "its node ended before it answered" in call.stderr.read()
+    assert call.returncode == 1
+
+
 def test_echo_of_a_silent_topic_says_what_exists():
     done = run_verb("echo", "/nowhere", "--timeout", "1")
     assert done.returncode == 2

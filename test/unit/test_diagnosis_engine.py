@@ -68,7 +68,7 @@ class SlidingBlock:
     unreadable: str = ""
     too_short: str = ""
     remark: str = ""
-    zeroed_at: float | None = None
+    known_event: dict | None = None
     alike: tuple[str, ...] = ()
 
     def imitators(self, name: str) -> tuple[str, ...]:

@@ -96,11 +96,8 @@ def explanation_document(explanation: Explanation) -> Document:
 
 
 def _event(model: ResidualModel, found: RegimeFinding | None) -> Document | None:
-    """What changed at one time; a sensor that was zeroed with its load on is one too."""
-    if found is not None and found.event:
-        return found.event_json()
-    at = model.zeroed_at
-    return None if at is None else {"name": "sensor_zeroed", "t": at, "std": None}
+    """What changed at one time: what was found, or what the model knew before."""
+    return (None if found is None else found.event_json()) or model.known_event
 
 
 def _convention(convention: Convention | None) -> Document | None:
@@ -170,9 +167,9 @@ def _scored(score: Score, tests: int) -> Document:
 
 
 def diagnosis_sentence(diagnosis: Diagnosis) -> str:
-    """The verdict for people, and what is to be known beside an adequate model or a tared one."""
+    """The verdict for people, and what is to be known of an adequate model or one with an event."""
     model = diagnosis.explained_model
-    worth_it = diagnosis.verdict == "adequate" or model.zeroed_at is not None
+    worth_it = diagnosis.verdict == "adequate" or model.known_event is not None
     remark = model.remark if worth_it and diagnosis.convention is None else ""
     return " ".join(filter(None, (_verdict_sentence(diagnosis), remark)))
 

@@ -55,7 +55,8 @@ def estimate(
         NotIdentifiableError: the iteration diverged.
     """
     streams = averaged(recording if isinstance(recording, Streams) else recording.streams)
-    if with_zero(streams.contacts, effects):
+    effects = with_zero(streams.contacts, effects)
+    if effects:
         model = widen_by_pose_noise(fit_with_readings(streams, effects), streams)
     else:
         model = fit_body(streams)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.rigid_body.rotation import nearest_rotation
+
 Array = NDArray[np.float64]
 
 
@@ -18,7 +20,5 @@ def align_points(points: Array, reference: Array) -> tuple[Array, Array]:
     Source: Kabsch 1976.
     """
     centre, goal = points.mean(axis=0), reference.mean(axis=0)
-    left, _, right = np.linalg.svd((points - centre).T @ (reference - goal))
-    sign = np.diag([1.0, 1.0, np.sign(np.linalg.det(right.T @ left.T))])
-    turn = right.T @ sign @ left.T
+    turn = nearest_rotation((reference - goal).T @ (points - centre))
     return np.asarray(turn), np.asarray(goal - turn @ centre)

@@ -204,6 +204,11 @@ def turned_between(first: Array, then: Array, share: Array) -> Array:
     return np.asarray(first @ exp_so3(share[..., None] * turn))
 
 
+def turned_by(rotation: Array) -> float:
+    """Angle, rad, of a rotation (3, 3)."""
+    return float(np.linalg.norm(log_so3(rotation)))
+
+
 def nearest_rotation(matrices: Array) -> Array:
     """Rotations (..., 3, 3) nearest to matrices in the Frobenius norm.
 

@@ -18,8 +18,8 @@ from scipy import ndimage
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.rigid_body.rotation import (
     exp_so3,
-    log_so3,
     quaternion_to_matrix,
+    turned_by,
 )
 from tactile_dynamics_ros.core.shape.object_shape import ObjectShape
 from tactile_dynamics_ros.core.tracking.depth_image import DepthNoiseConfig
@@ -237,7 +237,7 @@ def turn_alike(shape: ObjectShape, fit: Fit, likely: Array) -> Fit:
 
 
 def _angle(first: Array, second: Array) -> float:
-    return float(np.linalg.norm(log_so3(first @ second.T)))
+    return turned_by(first @ second.T)
 
 
 def _spread_orientations(count: int) -> list[Array]:

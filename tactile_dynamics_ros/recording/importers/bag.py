@@ -8,13 +8,10 @@ from pathlib import Path
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.recording.bag_options import add_bag_arguments, add_say
-from tactile_dynamics_ros.recording.importers.bag_tables import is_bag, topic_types
 from tactile_dynamics_ros.recording.importers.csv_mapping import read_mapping
 from tactile_dynamics_ros.recording.importers.guess import Answers, guess_tables
 from tactile_dynamics_ros.recording.importers.importer import Importer
-from tactile_dynamics_ros.recording.namespaces import split_topic
 from tactile_dynamics_ros.recording.recording import Recording
-from tactile_dynamics_ros.recording.topics import NEEDED
 
 _REMARKS = ("weight", "sensor", "world")
 """Labels of what was understood that is said even if nobody asked: it may be otherwise."""
@@ -37,15 +34,6 @@ def bag_answers(options: Namespace) -> dict[str, str]:
     if options.stamps:
         found["stamps"] = options.stamps
     return found
-
-
-def is_of_robot(path: Path) -> bool:
-    """Whether a path is that of a bag that can be read and has no topic of a recording."""
-    try:
-        known = topic_types(path) if is_bag(path) else {}
-    except BadInputError:
-        return False
-    return bool(known) and not any(split_topic(topic, NEEDED) for topic in known)
 
 
 def read_robot_bag(path: Path, stamps: str | None = None, urdf: str | None = None) -> Recording:

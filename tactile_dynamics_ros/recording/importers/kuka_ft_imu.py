@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.options import FINITE
-from tactile_dynamics_ros.core.rigid_body.rotation import skew
+from tactile_dynamics_ros.core.rigid_body.rotation import nearest_rotation, skew
 from tactile_dynamics_ros.recording.importers.importer import Importer
 from tactile_dynamics_ros.recording.importers.tables import Table, read_table
 from tactile_dynamics_ros.recording.recording import Recording
@@ -98,8 +98,7 @@ class Calibration:
         gravity_S = np.einsum("nji,j->ni", table.matrices("r"), GRAVITY_W)
         specific = table.columns(*ACCELERATION) * STANDARD_GRAVITY
         affine = np.linalg.lstsq(_with_ones(-gravity_S), specific, rcond=None)[0]
-        left, _, right = np.linalg.svd(affine[:3])
-        R_SI = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+        R_SI = nearest_rotation(affine[:3])
         bias = np.mean(specific + gravity_S @ R_SI, axis=0)
         force, torque = table.columns(*FORCE), table.columns(*TORQUE)
         force_fit = _fit(gravity_S[:, :, None], force)

@@ -18,7 +18,12 @@ from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, Pu
 from tactile_dynamics_ros.core.rigid_body.rotation import quaternion_to_matrix
 from tactile_dynamics_ros.recording import topics
 from tactile_dynamics_ros.recording.assembly import assemble_contact, assemble_pose
-from tactile_dynamics_ros.recording.bag_files import BagTables, read_messages, read_tables
+from tactile_dynamics_ros.recording.bag_files import (
+    BagTables,
+    read_messages,
+    read_tables,
+    recorded_types,
+)
 from tactile_dynamics_ros.recording.cdr import MessageTable
 from tactile_dynamics_ros.recording.cleaning import ProblemLog, ranked_lines
 from tactile_dynamics_ros.recording.columns import PoseColumns, WrenchColumns
@@ -183,7 +188,7 @@ def recorded_model(path: str | Path, remap: Mapping[str, str | Sequence[str]] | 
     Raises:
         BadInputError: there is no recording at the path.
     """
-    found = list(read_tables(Path(path), _nothing).types)
+    found = list(recorded_types(Path(path)))
     for meant in (remap or {}).values():
         found += [meant] if isinstance(meant, str) else meant
     return "pushed" if names.marks_a_push(found) else "held"
@@ -197,10 +202,6 @@ def _outlines(path: Path, topic: str) -> list[Array]:
         message: Any = store.deserialize_cdr(raw, kind)
         found.append(np.array([[p.x, p.y] for p in message.polygon.points], dtype=np.float64))
     return found
-
-
-def _nothing(topic: str) -> bool:
-    return False
 
 
 class _Assembly:

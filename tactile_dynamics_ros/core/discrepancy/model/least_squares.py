@@ -194,8 +194,8 @@ class LeastSquaresModel(ABC, Generic[EffectT]):
         return ""
 
     @property
-    def zeroed_at(self) -> float | None:
-        """None: no zero of a sensor is part of the model."""
+    def known_event(self) -> dict[str, Any] | None:
+        """None: nothing that happens at one time is part of the model."""
         return None
 
     def imitators(self, name: str) -> Sequence[str]:

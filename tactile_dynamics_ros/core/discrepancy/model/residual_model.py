@@ -188,8 +188,8 @@ class ResidualModel(Protocol):
         """What a model should be known by beside its verdict; a sentence, or empty."""
 
     @property
-    def zeroed_at(self) -> float | None:
-        """s, when the sensor was zeroed with the load on it, where that is in the model already."""
+    def known_event(self) -> dict[str, Any] | None:
+        """Part `event` of the documents for what the model has already; None without one."""
 
     def imitators(self, name: str) -> Sequence[str]:
         """What is no effect of the catalogue and may do here what an effect does, by name."""

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import ResidualModel
-from tactile_dynamics_ros.core.discrepancy.regimes.border import Border, find_border
+from tactile_dynamics_ros.core.discrepancy.regimes.border import find_border
 from tactile_dynamics_ros.core.discrepancy.regimes.refinement import refine_border
 from tactile_dynamics_ros.core.discrepancy.regimes.search import RegimeSearch
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.numerics.regime import Gate
 
 
 def place_event(model: ResidualModel, name: str, floor: float) -> tuple[str, float | None]:
@@ -30,8 +29,8 @@ def place_event(model: ResidualModel, name: str, floor: float) -> tuple[str, flo
         )
     best = found[0]
     condition = next(c for c in model.conditions() if c.symbol == best.gate.symbol)
-    border: Border | None = find_border(search.sums, best.family, condition, best.gate, floor)
+    border = find_border(search.sums, best.family, condition, best.gate, floor)
     if border is None:
         return f"{name}[{best.gate}]", None
     refined = refine_border(model, name, best.family.label, border)
-    return f"{name}[{Gate(refined.gate.symbol, refined.gate.low)}]", refined.std
+    return f"{name}[{refined.gate}]", refined.std

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W, WrenchSamples
-from tactile_dynamics_ros.core.contract import central_differences
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Misfit
 from tactile_dynamics_ros.core.effects.present import PresentEffects
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import (
@@ -48,10 +47,6 @@ if TYPE_CHECKING:
     from tactile_dynamics_ros.core.effects.effect import Effect
 
 Array = NDArray[np.float64]
-
-_STEP = 1e-4
-"""Step of central differences of the load after an event, in shares of each parameter: products of
-three of them, so that the error is 1e-8. Larger bends, smaller rounds."""
 
 
 @dataclass(frozen=True)
@@ -310,7 +305,7 @@ class FittedModel:
         return InertialEstimate(
             inertia=InertialParameters.from_log_cholesky(self.xi),
             covariance=covariance[:10, :10],
-            effects=self._effect_estimates(covariance[10:, 10:]),
+            effects=self._effect_estimates(covariance),
             error=ModelError(
                 force_rms_n=float(np.sqrt(np.mean(smooth[:, 3:] ** 2))),
                 torque_rms_nm=float(np.sqrt(np.mean(smooth[:, :3] ** 2))),
@@ -331,35 +326,25 @@ class FittedModel:
 
     def _load_event(self, covariance: Array) -> LoadEvent | None:
         """The first event of the model, with the load after it."""
-        first = 10
-        for effect, theta in zip(self.effects, self.theta, strict=True):
-            rows = [*range(10), *range(first, first + len(theta))]
-            first += len(theta)
-            plain, regime = split_label(effect.name)
-            if not effect.event or regime is None:
-                continue
-            load = effect.load_after(self.phi, theta)
-            if load is None:
-                return LoadEvent(plain, regime.gates[0].low, self.event_std, None, np.zeros((0, 0)))
-            both = np.concatenate([self.phi, theta])
-
-            def after(at: Array, effect: Effect = effect) -> Array:
-                changed = effect.load_after(at[:10], at[10:])
-                assert changed is not None
-                return changed
-
-            change = central_differences(after, both, _STEP * np.maximum(np.abs(both), _STEP))
-            spread = change @ covariance[np.ix_(rows, rows)] @ change.T
-            return LoadEvent(plain, regime.gates[0].low, self.event_std, load, spread)
+        for effect, theta, rows in self._effect_rows():
+            if effect.event and split_label(effect.name)[1] is not None:
+                own = np.append(np.arange(10), rows)
+                spread = covariance[np.ix_(own, own)]
+                return LoadEvent.of(effect, self.phi, theta, spread, self.event_std)
         return None
 
-    def _effect_estimates(self, covariance: Array) -> dict[str, EffectEstimate]:
-        estimates, first = {}, 0
+    def _effect_rows(self) -> Iterator[tuple[Effect, Array, NDArray[np.int64]]]:
+        """Effects with their parameters (k,) and where these are among [phi, theta]."""
+        first = 10
         for effect, theta in zip(self.effects, self.theta, strict=True):
-            parameters = effect.parameters(self.samples[0])
-            rows = slice(first, first + len(theta))
-            own = covariance[rows, rows]
+            yield effect, theta, np.arange(first, first + len(theta))
             first += len(theta)
+
+    def _effect_estimates(self, covariance: Array) -> dict[str, EffectEstimate]:
+        estimates = {}
+        for effect, theta, rows in self._effect_rows():
+            parameters = effect.parameters(self.samples[0])
+            own = covariance[np.ix_(rows, rows)]
             names = [p.name for p in parameters]
             found = [
                 (p.name, float(value), float(std), p.unit)

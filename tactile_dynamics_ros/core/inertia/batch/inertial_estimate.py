@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.contract import central_differences
+from tactile_dynamics_ros.core.numerics.regime import split_label
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     InertialParameters,
     com_inertia_jacobian,
     inertia_matrix,
 )
+
+if TYPE_CHECKING:
+    from tactile_dynamics_ros.core.effects.effect import Effect
 
 Array = NDArray[np.float64]
 
@@ -32,6 +37,10 @@ PARAMETER_NAMES = (
 about the centre of mass; the matrix column by column, as in `inertia_vector`. They are API: scripts
 and `/diagnostics` use them. Another order would name a moment by a product; another name breaks
 what reads them."""
+
+_STEP = 1e-4
+"""Step of central differences of the load after an event, in shares of each parameter: products of
+three of them, so that the error is 1e-8. Larger bends, smaller rounds."""
 
 
 @dataclass(frozen=True)
@@ -87,6 +96,32 @@ class LoadEvent:
     load: Array | None
     covariance: Array
 
+    @classmethod
+    def of(
+        cls, effect: Effect, phi: Array, theta: Array, covariance: Array, std: float | None
+    ) -> LoadEvent:
+        """An event as it is fitted.
+
+        Args:
+            effect: the event, from its time on.
+            phi: (10,) load before it.
+            theta: (k,) parameters.
+            covariance: (10 + k, 10 + k) of both.
+            std: s, of the time; None where it was given.
+        """
+        name, regime = split_label(effect.name)
+        assert regime is not None
+        time, load = regime.gates[0].low, effect.load_after(phi, theta)
+        if load is None:
+            return cls(name, time, std, None, np.zeros((10, 10)))
+        both = np.append(phi, theta)
+        change = central_differences(
+            lambda at: np.asarray(effect.load_after(at[:10], at[10:])),
+            both,
+            _STEP * np.maximum(np.abs(both), _STEP),
+        )
+        return cls(name, time, std, load, change @ covariance @ change.T)
+
     @property
     def body(self) -> InertialParameters | None:
         """The body after it."""
@@ -96,7 +131,7 @@ class LoadEvent:
     def parameter_std(self) -> Array:
         """(10,) standard deviations in the order of PARAMETER_NAMES."""
         assert self.load is not None
-        return _parameter_std(self.load, self.covariance)
+        return np.sqrt(np.diag(_about_centre(self.load, self.covariance)))
 
     def to_json(self) -> dict[str, Any]:
         """{"name", "t", "std", "after"}; the body after it is None where it stays."""
@@ -106,10 +141,10 @@ class LoadEvent:
         return entry
 
 
-def _parameter_std(phi: Array, covariance: Array) -> Array:
-    """(10,) of mass, centre of mass and inertia about it, from the covariance of phi."""
+def _about_centre(phi: Array, covariance: Array) -> Array:
+    """(10, 10) of mass, centre of mass and inertia about it, from the covariance of phi."""
     jacobian = com_inertia_jacobian(phi)
-    return np.sqrt(np.maximum(np.diag(jacobian @ covariance @ jacobian.T), 0.0))
+    return np.asarray(jacobian @ covariance @ jacobian.T)
 
 
 def _body_json(body: InertialParameters, std: Array) -> dict[str, Any]:
@@ -156,8 +191,7 @@ class InertialEstimate:
     @property
     def parameter_covariance(self) -> Array:
         """(10, 10) covariance of [mass, com, inertia about the centre of mass]."""
-        jacobian = com_inertia_jacobian(self.inertia.dynamic_parameters)
-        return np.asarray(jacobian @ self.covariance @ jacobian.T)
+        return _about_centre(self.inertia.dynamic_parameters, self.covariance)
 
     @property
     def parameter_std(self) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from argparse import ArgumentTypeError
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -21,6 +22,7 @@ from tactile_dynamics_ros.core.inertia.conventions.ranking import (
     Readings,
 )
 from tactile_dynamics_ros.core.inertia.conventions.reading import CONVENTIONS, Reading
+from tactile_dynamics_ros.core.options import FINITE, Numbers
 from tactile_dynamics_ros.core.streams.streams import Streams
 
 Fit = Callable[[Streams], ResidualModel]
@@ -169,10 +171,10 @@ def _stated_gravity(words: str) -> Reading:
         BadInputError: it is none.
     """
     try:
-        direction = np.array([float(part) for part in words.partition("=")[2].split(",")])
-    except ValueError:
-        direction = np.zeros(0)
-    if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
+        direction = np.array(Numbers(FINITE, 3)(words.partition("=")[2]))
+    except ArgumentTypeError:
+        direction = np.zeros(3)
+    if not direction.any():
         raise BadInputError(
             f"--assume {words}: expected three numbers, as gravity_direction=0,-1,0"
         )

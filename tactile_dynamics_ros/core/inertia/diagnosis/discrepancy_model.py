@@ -248,7 +248,7 @@ class HeldObjectModel(LeastSquaresModel[Effect]):
             f"s, and some effects show from {_LEAST_SPAN:g} s on only; record longer"
         )
 
-    @property
+    @cached_property
     def _zero(self) -> dict[str, dict[str, Any]] | None:
         """Parameters of the zero of a single sensor, if the model has one."""
         return self.parameters().get(ZERO) if len(self.samples.contact_names) == 1 else None
@@ -256,13 +256,13 @@ class HeldObjectModel(LeastSquaresModel[Effect]):
     @property
     def remark(self) -> str:
         """What a single sensor reads with nothing on it."""
-        return "" if self._zero is None else describe_zero(self._zero, self.zeroed_at is not None)
+        return "" if self._zero is None else describe_zero(self._zero, bool(self.known_event))
 
-    @property
-    def zeroed_at(self) -> float | None:
-        """s, when a single sensor was zeroed with the load on it: 0, the start, or None."""
+    @cached_property
+    def known_event(self) -> dict[str, Any] | None:
+        """A single sensor that was zeroed with the load on it, at the start."""
         tared = self._zero is not None and was_tared(self.samples, self._zero)
-        return 0.0 if tared else None
+        return {"name": "sensor_zeroed", "t": 0.0, "std": None} if tared else None
 
     def imitators(self, name: str) -> tuple[str, ...]:
         """Fluid that moves along, and gravity that is turned, pull at the centre of mass."""
@@ -341,7 +341,7 @@ class HeldObjectModel(LeastSquaresModel[Effect]):
         refined = refine(model, self.fitted.misfit, foreseen)
         return HeldObjectModel.from_fit(refined, self.catalogue)
 
-    @property
+    @cached_property
     def covariance(self) -> Array:
         """(10 + k, 10 + k) of [phi, theta] at the fixed whitening, widened by misfit."""
         jacobian, residual = self.jacobian, self.residual

@@ -12,8 +12,6 @@ from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W
 
 Array = NDArray[np.float64]
 
-GRAVITY = float(np.linalg.norm(GRAVITY_W))
-"""Size of gravity, m/s^2. It is not estimated: `gravity_tilt` turns it."""
 _PULL = "hanging_cable"
 """Name of the effect that others are forms of. It is API."""
 
@@ -44,7 +42,7 @@ def imitators(
     first = 10 + sum(len(present[other]) for other in names[: names.index(name)])
     rows = [*range(10), *range(first, first + 6)]
     spread, pull = covariance[np.ix_(rows, rows)], present[name]
-    level, weight = pull[:2], phi[0] * GRAVITY
+    level, weight = pull[:2], phi[0] * np.linalg.norm(GRAVITY_W)
     fluid, tilt = np.zeros((2, 16)), np.zeros((1, 16))
     fluid[:, 10:12] = np.eye(2)
     tilt[0, 10:13] = np.append(-level / weight, 1.0)

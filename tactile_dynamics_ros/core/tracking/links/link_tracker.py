@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.rigid_body.rotation import log_so3, skew, twice
+from tactile_dynamics_ros.core.rigid_body.rotation import log_so3, skew, turned_by, twice
 from tactile_dynamics_ros.core.shape.object_shape import ObjectShape
 from tactile_dynamics_ros.core.shape.superquadric.superquadric import Superquadric
 from tactile_dynamics_ros.core.shape.superquadric.surface import tracked_shape
@@ -147,7 +147,7 @@ class LinkTracker:
     def _turned(self, fit: Fit, likely: Array) -> float:
         """Return the smallest turn, rad, from a rotation R_CO to one that looks as the fit does."""
         alike = turn_alike(self.link.shape, fit, likely).pose[:3, :3]
-        return float(np.linalg.norm(log_so3(alike @ likely.T)))
+        return turned_by(alike @ likely.T)
 
     def _compare(self, scene: Scene, found: Fit) -> Array:
         """Return the covariance (6, 6) of an equal choice among all turns that are as believable.

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.rigid_body.rotation import (
-    log_so3,
     matrix_to_quaternion,
     quaternion_to_matrix,
+    turned_by,
 )
 from tactile_dynamics_ros.recording.importers.bag_frames import Edge, has_frames, read_frames
 from tactile_dynamics_ros.recording.importers.guess.sources import Source
@@ -45,18 +45,17 @@ class Mount:
     @property
     def is_none(self) -> bool:
         """Whether the sensor is in the frame itself."""
-        turn = float(np.linalg.norm(log_so3(self.rotation[None])[0]))
-        return turn < _SAME_TURN and float(np.linalg.norm(self.position)) < _SAME_PLACE
+        away = float(np.linalg.norm(self.position))
+        return turned_by(self.rotation) < _SAME_TURN and away < _SAME_PLACE
 
     def is_turned_like(self, other: Mount) -> bool:
         """Whether the sensor is turned as in another mounting."""
-        turn = log_so3((self.rotation.T @ other.rotation)[None])[0]
-        return float(np.linalg.norm(turn)) < _SAME_TURN
+        return turned_by(self.rotation.T @ other.rotation) < _SAME_TURN
 
     @property
     def words(self) -> str:
         """Angle and distance, for people."""
-        angle = np.degrees(np.linalg.norm(log_so3(self.rotation[None])[0]))
+        angle = np.degrees(turned_by(self.rotation))
         return f"turned by {angle:.3g} deg, {np.linalg.norm(self.position):.3g} m away"
 
     @property

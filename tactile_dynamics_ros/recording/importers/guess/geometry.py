@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from argparse import ArgumentTypeError
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import permutations, product
@@ -10,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.rigid_body.rotation import log_so3
+from tactile_dynamics_ros.core.options import FINITE, Numbers
+from tactile_dynamics_ros.core.rigid_body.rotation import turned_by
 from tactile_dynamics_ros.recording.importers.fields import constant_rotation
 from tactile_dynamics_ros.recording.importers.guess.answers import Answers
 from tactile_dynamics_ros.recording.importers.guess.weight import UP, Scene, Weighing
@@ -81,12 +83,11 @@ def read_mounting(answers: Answers) -> Array | None:
 
 def _three(key: str, text: str) -> Array:
     try:
-        found = np.array([float(part) for part in text.split(",")])
-    except ValueError:
-        found = np.zeros(0)
-    if found.shape != (3,) or not np.isfinite(found).all():
-        raise BadInputError(f"--say {key}={text}: expected three numbers with commas between them")
-    return found
+        return np.array(Numbers(FINITE, 3)(text))
+    except ArgumentTypeError as error:
+        raise BadInputError(
+            f"--say {key}={text}: expected three numbers with commas between them"
+        ) from error
 
 
 def simple(scene: Scene, answers: Answers) -> list[Geometry]:
@@ -109,7 +110,7 @@ def others(scene: Scene, answers: Answers) -> Iterator[Geometry]:
     if turn is None:
         for up in AXES if given is None else [given]:
             found = scene.felt_turn(up)
-            if found is not None and _angle(found) > _LEANS:
+            if found is not None and turned_by(found) > _LEANS:
                 also = given is None and up @ UP < 1.0
                 geometry = Geometry(
                     BOTH if also else TURNED, scene.weigh("sensor", up, _right(found))
@@ -134,12 +135,8 @@ def say_gravity(up: Array) -> str:
 
 def _right(turn: Array) -> Array:
     """The rotation by right angles that a rotation is, or the rotation itself."""
-    nearest = min(RIGHT_ANGLES, key=lambda other: _angle(other.T @ turn))
-    return nearest if _angle(nearest.T @ turn) < _EXACT else turn
-
-
-def _angle(turn: Array) -> float:
-    return float(np.linalg.norm(log_so3(turn[None])[0]))
+    nearest = min(RIGHT_ANGLES, key=lambda other: turned_by(other.T @ turn))
+    return nearest if turned_by(nearest.T @ turn) < _EXACT else turn
 
 
 def _angle_between(one: Array, other: Array) -> float:
