@@ -43,6 +43,7 @@ class Estimate(ReportedResult):
         tool: what was carried as well and is not meant, such as a gripper.
         prior: the same object, from earlier recordings.
         wrist: what a wrist sensor tells of it beside the fingertips.
+        uncorrected: `fit_with_readings` of a body alone, if there is one already.
     """
 
     recording: Recording
@@ -50,12 +51,13 @@ class Estimate(ReportedResult):
     tool: KnownBody | None = None
     prior: KnownBody | None = None
     wrist: WristShare | None = None
+    uncorrected: FittedModel | None = None
 
     @cached_property
     def question(self) -> Question:
         """The model held against the recording as it is, as `compare` and `diagnose` do it."""
         effects = self.model.effects
-        fitted = replace(self.model, noise_bias=None) if effects else None
+        fitted = replace(self.model, noise_bias=None) if effects else self.uncorrected
         return question_held(self.recording, effects, fitted)
 
     @property

@@ -73,7 +73,11 @@ def _of_held(
     from tactile_dynamics_ros.core.inertia.estimate import estimate
 
     streams = read_as(recording.streams, [convention.name for convention in read])
-    found = Estimate(replace(recording, streams=streams), estimate(streams, model.effects))
+    found = Estimate(
+        replace(recording, streams=streams),
+        estimate(streams, model.effects, fitted=model.fitted),
+        uncorrected=None if model.effects else model.fitted,
+    )
     return Properties(found.to_json(), found.body_rows())
 
 

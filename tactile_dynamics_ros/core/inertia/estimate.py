@@ -33,7 +33,10 @@ class Recorded(Protocol):
 
 
 def estimate(
-    recording: Streams | Recorded, effects: Sequence[Effect] = (), hull: Array | None = None
+    recording: Streams | Recorded,
+    effects: Sequence[Effect] = (),
+    hull: Array | None = None,
+    fitted: FittedModel | None = None,
 ) -> FittedModel:
     """Estimate mass, centre of mass and inertia of a held object, and the parameters of effects.
 
@@ -45,6 +48,7 @@ def estimate(
         recording: streams, or what has them.
         effects: effects of the model, in the order of the result.
         hull: (N, 3) mesh vertices, body frame, m; the centre of mass is kept in their convex hull.
+        fitted: `fit_with_readings` of the recording and the effects, if there is one already.
 
     Returns:
         The fitted model; `to_estimate()` gives values with their uncertainty.
@@ -57,7 +61,7 @@ def estimate(
     streams = averaged(recording if isinstance(recording, Streams) else recording.streams)
     effects = with_zero(streams.contacts, effects)
     if effects:
-        model = widen_by_pose_noise(fit_with_readings(streams, effects), streams)
+        model = widen_by_pose_noise(fitted or fit_with_readings(streams, effects), streams)
     else:
         model = fit_body(streams)
     if hull is None:

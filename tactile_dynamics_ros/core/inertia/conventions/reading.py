@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation, Slerp
 
 from tactile_dynamics_ros.core.streams.streams import (
     ContactStream,
     PoseStream,
     Streams,
+    between_turns,
     nearest_samples,
     on_lines,
 )
@@ -136,15 +136,7 @@ def rotation_at(streams: Streams, time: Array) -> Array:
     """Rotation of the object (N, 3, 3) between samples of its pose, or of the IMU's."""
     source = streams.pose or streams.imu
     assert source is not None and source.rotation is not None
-    return _between(source.time, source.rotation, time)
-
-
-def _between(stamps: Array, rotation: Array, time: Array) -> Array:
-    inside = np.clip(time, stamps[0], stamps[-1])
-    nearest = nearest_samples(stamps, inside)
-    if np.array_equal(stamps[nearest], inside):
-        return rotation[nearest]
-    return np.asarray(Slerp(stamps, Rotation.from_matrix(rotation))(inside).as_matrix())
+    return between_turns(source.time, source.rotation, time)
 
 
 def with_pose(streams: Streams, pose: PoseStream, carried: bool) -> Streams:
@@ -181,8 +173,8 @@ def _carried(contact: ContactStream, old: PoseStream, new: PoseStream) -> Contac
 
 def _turn(old: PoseStream, new: PoseStream, time: Array) -> Array:
     """Rotation (N, 3, 3) of the world from where the old pose had it to the new one."""
-    before = _between(old.time, old.rotation, time)
-    return np.asarray(_between(new.time, new.rotation, time) @ np.swapaxes(before, 1, 2))
+    before = between_turns(old.time, old.rotation, time)
+    return np.asarray(between_turns(new.time, new.rotation, time) @ np.swapaxes(before, 1, 2))
 
 
 def turned_world(streams: Streams, turn: Array, forces: bool = True) -> Streams:
