@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 
 from tactile_dynamics_ros.cli.supervisor import verb_command
+from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import PARAMETER_NAMES
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import inertia_vector
 from tactile_dynamics_ros.sim.hidden_effects import CATALOGUED, OUTSIDE
 
 OBJECTS = (*range(121, 127), *range(133, 136), *range(145, 148))
@@ -121,15 +123,22 @@ def _of_hand(document: dict[str, Any]) -> dict[str, Any]:
 
 
 def deviation(estimate: dict[str, Any], truth: dict[str, Any]) -> float:
-    """Return the largest deviation of mass and centre of mass, in standard deviations.
+    """Return the largest deviation of mass, centre of mass and inertia, in standard deviations.
+
+    What the motion does not determine is left out.
 
     Args:
         estimate: document of `estimate`.
         truth: as the simulator reveals it.
     """
-    value = np.array([estimate["mass"]["value"], *estimate["com"]["value"]])
-    std = np.array([estimate["mass"]["std"], *estimate["com"]["std"]])
-    return float(np.max(np.abs(value - [truth["mass"], *truth["com"]]) / std))
+
+    def ten(numbers: Any) -> Any:
+        mass, com, inertia = (numbers(name) for name in ("mass", "com", "inertia_com"))
+        return np.array([mass, *com, *inertia_vector(np.array(inertia))])
+
+    off = np.abs(ten(lambda n: estimate[n]["value"]) - ten(lambda n: truth[n]))
+    known = [name not in estimate.get("undetermined", ()) for name in PARAMETER_NAMES]
+    return float(np.max((off / ten(lambda n: estimate[n]["std"]))[known], initial=0.0))
 
 
 def _of_table(document: dict[str, Any]) -> dict[str, Any]:

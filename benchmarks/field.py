@@ -198,16 +198,17 @@ def _options(effects: Sequence[str], read: Sequence[str]) -> list[str]:
 
 
 def _grade(found: dict[str, Any], log: Log, case: Case) -> str:
-    """One of right, asks, exit3-named, exit3, doubts and confident-wrong."""
+    """One of right, asks, exit3-named, exit3, doubts, unnamed (mass right) and confident-wrong."""
     if found["code"] == 2:
         return "asks"
-    named = not case.names or bool(set(case.names) & set(found["named"]))
+    plain = {label.partition("[")[0] for label in found["named"]}  # of an event, without its time
+    named = not case.names or bool(set(case.names) & plain)
     if found["code"] == 3:
         return "exit3-named" if named else "exit3"
     mass = found["mass"]
     near = max(_WITHIN_STD * mass["std"], _WITHIN_SHARE * mass["value"])
     if any(abs(mass["value"] - load.mass) < near for load in log.load):
-        return "right"
+        return "right" if named else "unnamed"
     return "confident-wrong" if found["verdict"] in ("adequate", "missing_effect") else "doubts"
 
 

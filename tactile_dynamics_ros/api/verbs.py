@@ -37,6 +37,8 @@ def read(
     namespace: str | None = None,
     world_frame: str | None = None,
     any_unit: bool = False,
+    stamps: str | None = None,
+    urdf: str | Path | None = None,
     model: Literal["held"],
 ) -> Recording: ...
 
@@ -48,6 +50,8 @@ def read(
     namespace: str | None = None,
     world_frame: str | None = None,
     any_unit: bool = False,
+    stamps: str | None = None,
+    urdf: str | Path | None = None,
     model: Literal["pushed"],
 ) -> PushedRecording: ...
 
@@ -59,6 +63,8 @@ def read(
     namespace: str | None = None,
     world_frame: str | None = None,
     any_unit: bool = False,
+    stamps: str | None = None,
+    urdf: str | Path | None = None,
     model: str = "auto",
 ) -> Recording | PushedRecording: ...
 
@@ -69,6 +75,8 @@ def read(
     namespace: str | None = None,
     world_frame: str | None = None,
     any_unit: bool = False,
+    stamps: str | None = None,
+    urdf: str | Path | None = None,
     model: str = "auto",
 ) -> Recording | PushedRecording:
     """Read a recording, or several of one object as one.
@@ -80,6 +88,8 @@ def read(
         world_frame: frame of the poses, z up, if it is neither `world` nor a robot's base.
         any_unit: whether accelerations that look like units of g are taken as they are; `diagnose`
             and `explain` then tell the unit.
+        stamps: of a held object, "receive" for the times at which messages were received.
+        urdf: of the arm that held the object and whose joint angles were recorded.
         model: "held", "pushed" for an object on a support, or "auto", which decides by the topics.
 
     Returns:
@@ -107,6 +117,8 @@ def read(
                 namespace=namespace,
                 world_frame=world_frame,
                 any_unit=any_unit,
+                stamps=stamps,
+                urdf=None if urdf is None else str(urdf),
             )
             for path in paths
         ]
