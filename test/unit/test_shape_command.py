@@ -59,6 +59,27 @@ def test_every_format_gives_the_box_and_finds_its_table(capsys, tmp_path, box_on
     assert len(part["footprint"]) > 8
 
 
+def test_a_foot_that_was_cut_off_with_the_table_is_in_the_interval(capsys, tmp_path, box_on_table):
+    above = box_on_table[box_on_table[:, 2] > 0.305]
+    said = ask(capsys, write(above, tmp_path / "cut.txt"))
+    (part,) = said["parts"]
+    height, std = 2 * part["semi_axes_m"][2], 2 * part["std"]["az"]
+    assert height < 0.036
+    assert abs(height - 0.04) < 2.0 * std
+    assert part["std"]["ax"] < 1e-3, "what was seen is as sure as before"
+    assert "its height ±" in part["words"]
+    assert any("--support" in remark for remark in said["remarks"])
+
+
+def test_a_bottom_that_was_seen_is_sure_without_a_table(capsys, tmp_path):
+    solid = trimesh.creation.box((0.1, 0.06, 0.04)).apply_translation([0.5, 0.0, 0.32])
+    points = trimesh.sample.sample_surface(solid, 3000, seed=1)[0]
+    points += 0.0008 * np.random.default_rng(4).normal(size=points.shape)
+    said = ask(capsys, write(points, tmp_path / "all_around.txt"))
+    assert said["parts"][0]["std"]["az"] < 1e-3
+    assert not any("--support" in remark for remark in said["remarks"])
+
+
 def test_millimetres_are_guessed_and_said(capsys, tmp_path, box_on_table):
     said = ask(capsys, write(1e3 * box_on_table, tmp_path / "cloud.txt"))
     np.testing.assert_allclose(

@@ -90,11 +90,13 @@ class Recovery:
         mixture: the fit, of one part.
         covariance: (P, P) of the chart's coordinates; axes as logarithms.
         points: number of points.
+        foot_std: standard deviation of the height of its foot where nobody saw it, m.
     """
 
     mixture: Mixture
     covariance: Array
     points: int
+    foot_std: float = 0.0
 
     @property
     def shape(self) -> Superquadric:
@@ -108,6 +110,7 @@ class Recovery:
         found = dict(zip(self.mixture.chart.names, map(float, root), strict=True))
         for name, axis in zip("xyz", self.shape.semi_axes, strict=True):
             found[f"a{name}"] = found.pop(f"ln_a{name}") * float(axis)
+        found["az"] = float(np.hypot(found["az"], 0.5 * self.foot_std))
         return found
 
     def seen_from(self, frame: Array) -> Recovery:

@@ -35,9 +35,11 @@ nearly all lie on its top, of cups and trays hardly any. Halfway, anything betwe
 def describe(part: Recovery) -> str:
     """Return a part in plain words, with its size in mm."""
     size = 1e3 * part.shape.extents()
-    spread = 2e3 * max(part.std[f"a{axis}"] for axis in "xyz")
+    spread = 2e3 * np.array([part.std[f"a{axis}"] for axis in "xyz"])
     lengths = " x ".join(f"{value:.0f}" for value in size)
-    return f"{kind(part.shape)} {lengths} mm, ± {max(spread, 0.1):.1f}"
+    most = max(spread[:2] if part.foot_std else spread)
+    height = f", its height ± {spread[2]:.0f}" if part.foot_std else ""
+    return f"{kind(part.shape)} {lengths} mm, ± {max(most, 0.1):.1f}{height}"
 
 
 def kind(shape: Superquadric) -> str:
