@@ -48,8 +48,8 @@ above it. Smaller calls heights exact that are short by as much, larger says lit
 objects."""
 _MIDDLE, _SHOWN = 0.7, 0.2
 """Share of the half width within which points of the lowest layer lie under a part, and share of
-that layer from which they show its bottom: half of a layer that has one, none of a wall that was cut
-off. Strays are a tenth at most."""
+that layer from which they show its bottom: half of a layer that has one, none of a wall that was
+cut off. Strays are a tenth at most."""
 
 
 @dataclass(frozen=True)
@@ -139,8 +139,8 @@ def read_scene(
         objects = [_with_unseen_foot(found, support) for found in objects]
     if any(part.foot_std for found in objects for part in found.parts):
         remarks.append(
-            "no table in the points: it is taken to be at their foot; where they were cut off above "
-            "it, objects are higher by as much (`--support` tells where it is)"
+            "no table in the points: it is taken to be at their foot; where they were cut off "
+            "above it, objects are higher by as much (`--support` tells where it is)"
         )
     entropies = tuple(
         SurfaceEntropy.of_parts([part.shape for part in found.parts], found.points)
