@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import pickle
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.kept import kept
 from benchmarks.planar import ahead, choice, choices, daily, noise, physics, speed
 from benchmarks.planar.ablations import WAYS, Way
 from benchmarks.planar.fit import fitted
@@ -64,13 +64,7 @@ class Kept:
 
     def of(self, what: str, make: Callable[[], Any]) -> Any:
         """What was kept under a name, or else is made now."""
-        if self.folder is None:
-            return make()
-        file = self.folder / f"{self.name}_{what}.pkl"
-        if not file.exists():
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_bytes(pickle.dumps(make()))
-        return pickle.loads(file.read_bytes())
+        return kept(self.folder and self.folder / f"{self.name}_{what}.pkl", make)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -7,7 +7,6 @@ them see the same.
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ import numpy as np
 
 from benchmarks.biotac_in_hand import ALOFT, Touch
 from benchmarks.biotac_press_rig import calibrate_units
+from benchmarks.kept import kept
 from tactile_dynamics_ros.core.contact.contact_state import Contact
 from tactile_dynamics_ros.core.manipulation.excitation import ExcitationConfig
 from tactile_dynamics_ros.core.manipulation.grasp_controller import GraspConfig, GraspController
@@ -171,10 +171,5 @@ def load_tape(
     """Return a tape from a folder of earlier ones, or record it (and keep it there)."""
     kind = "run" if slip is None else "slip"
     path = None if folder is None else folder / f"{kind}-{name}-{seed}-{duration:g}.pickle"
-    if path is not None and path.is_file():
-        return pickle.loads(path.read_bytes())
-    tape = record_tape(name, seed, duration, slip)
-    if path is not None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(pickle.dumps(tape))
+    tape: Tape = kept(path, lambda: record_tape(name, seed, duration, slip))
     return tape

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.files import own_folder, written_whole
+from tactile_dynamics_ros.core.reading import require_file
 
 
 class KeptTare:
@@ -37,8 +38,8 @@ class KeptTare:
         try:
             if time.time() - self.path.stat().st_mtime > max_age:
                 return None
-            frames = np.load(self.path)
-        except (OSError, ValueError, EOFError):
+            frames = np.load(require_file(self.path))
+        except (BadInputError, OSError, ValueError, EOFError):
             return None
         return frames if frames.ndim == 3 and frames.shape[1:] == self._shape else None
 

@@ -1,5 +1,6 @@
 """The force node in this process: tare, restart, bad frames."""
 
+import os
 import time
 
 import numpy as np
@@ -132,6 +133,9 @@ def test_kept_tare_expires_and_survives_damage(tmp_path):
     assert kept.read(0.0) is None
     kept.path.write_bytes(b"not an array")
     assert kept.read(30.0) is None
+    kept.path.unlink()
+    os.mkfifo(kept.path)
+    assert kept.read(30.0) is None, "and nobody waits for what comes out of a pipe"
 
 
 def test_every_hand_keeps_a_tare_of_its_own():
