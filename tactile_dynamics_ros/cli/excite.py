@@ -114,7 +114,7 @@ def _plan(args: Namespace) -> ExcitationPlan:
     Raises:
         BadInputError: both or none of them are named, or an option goes with the other one.
     """
-    from tactile_dynamics_ros.core.inertia.batch.batch import fit_recording
+    from tactile_dynamics_ros.core.inertia.diagnosis.readings import fit_with_readings
     from tactile_dynamics_ros.core.inertia.excitation import DesignConfig, MotionLimits
     from tactile_dynamics_ros.core.inertia.excitation.first_grasp import plan_first_excitation
     from tactile_dynamics_ros.core.inertia.excitation.plan import plan_excitation
@@ -137,7 +137,7 @@ def _plan(args: Namespace) -> ExcitationPlan:
         raise BadInputError(
             f"--arm: {len(args.arm)} numbers, expected {robot.arm_dof}, one for each arm joint"
         )
-    model = fit_recording(read_recording(args).streams, read_effects(args))
+    model = fit_with_readings(read_recording(args).streams, read_effects(args))
     return plan_excitation(model, config, limits, args.friction, args.criterion, args.arm, robot)
 
 

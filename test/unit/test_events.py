@@ -9,6 +9,7 @@ from tactile_dynamics_ros.core.discrepancy.documents import diagnosis_document
 from tactile_dynamics_ros.core.effects import create_effect, create_effects
 from tactile_dynamics_ros.core.effects.check import check_effect
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
+from tactile_dynamics_ros.core.inertia.diagnosis.live_check import compare_streams
 from tactile_dynamics_ros.core.inertia.diagnosis.misreading import question
 from tactile_dynamics_ros.core.inertia.estimate import estimate
 from tactile_dynamics_ros.synthetic.effects import create_hidden_effect
@@ -141,3 +142,9 @@ def test_an_effect_that_fits_only_with_what_cannot_be_is_refused():
     streams, _ = wrist(9, effects=(("viscous_drag", -1.0),))
     with pytest.raises(NotIdentifiableError, match="viscous_drag.* c = -.*cannot be"):
         estimate(streams, create_effects(["viscous_drag"]))
+
+
+def test_the_live_error_falls_when_the_event_is_added(change):
+    name, streams, _, _ = change
+    before, after = (compare_streams(streams, effects).whitened_rms for effects in ([], [name]))
+    assert after < 1.1 < before

@@ -15,7 +15,10 @@ from tactile_dynamics_ros.core.effects.sensor_zero import with_zero
 from tactile_dynamics_ros.core.inertia.batch.averaging import averaged
 from tactile_dynamics_ros.core.inertia.batch.batch import BatchConfig, fit_recording
 from tactile_dynamics_ros.core.inertia.diagnosis.misreading import question
-from tactile_dynamics_ros.core.inertia.diagnosis.readings import model_with_seen_noise
+from tactile_dynamics_ros.core.inertia.diagnosis.readings import (
+    fit_with_readings,
+    model_with_seen_noise,
+)
 from tactile_dynamics_ros.core.streams.streams import Streams
 
 
@@ -23,6 +26,8 @@ def compare_streams(
     streams: Streams, effects: Sequence[str], iterations: int = 2
 ) -> LiveComparison:
     """Wrenches [torque, force] in the body frame that a quickly fitted model leaves.
+
+    The time of an event among the effects is looked for, which takes longer.
 
     Args:
         streams: measurements of the last seconds.
@@ -33,7 +38,8 @@ def compare_streams(
         BadInputError: contacts and motion are missing or do not overlap.
     """
     streams, known = averaged(streams), with_zero(streams.contacts, create_effects(effects))
-    model = fit_recording(streams, known, BatchConfig(iterations=iterations))
+    fit = fit_with_readings if any(effect.event for effect in known) else fit_recording
+    model = fit(streams, known, BatchConfig(iterations=iterations))
     problems = [stretch.problem for stretch in model.stretches]
     time = np.concatenate([p.samples.time + p.start for p in problems])
     return LiveComparison(time, -model.smooth_residual(), model.whitened_rms)
