@@ -240,8 +240,9 @@ def find_group(choice: Choice, config: DiagnosisConfig) -> tuple[tuple[str, ...]
 
     They fit held-out blocks as well, and are as plausible or contain what the best explains: more
     data along the same motion could not refute them either. What the model knows to imitate the
-    best is as plausible. What equals the best at its own
-    whitening is as plausible; where lasting errors remain, so is all that fits held-out blocks.
+    best is as plausible. What equals the best at its own whitening is as plausible; where lasting
+    errors remain, so is all that fits held-out blocks. One that merely contains another of them, as
+    a drift contains a bias, says no more than that and is left out.
     """
     best, lasting = choice.best, choice.dispersion > 1.0
 
@@ -257,6 +258,8 @@ def find_group(choice: Choice, config: DiagnosisConfig) -> tuple[tuple[str, ...]
         return lasting or is_plausible(rival) or contains(choice, rival)
 
     equal = [r for r in choice.rivals if is_equal(r) and r.model.is_possible(r.name)]
+    named = {best.name, *(rival.name for rival in equal)}
+    equal = [rival for rival in equal if rival.source.family.contains not in named]
     beside = [name for rival in equal for name in rival.model.imitators(rival.name)]
     alike = [*choice.model.imitators(best.name), *beside]
     ambiguous = bool(alike) or any(lasting or is_plausible(rival) for rival in equal)

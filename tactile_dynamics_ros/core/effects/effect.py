@@ -40,6 +40,7 @@ class Effect(ABC):
         delays: whether it makes sensors late; `delayed` says how.
         linear: whether it is linear in theta, with columns that the load does not change.
         event: whether it is something that changes at one time: it acts from a time on only.
+        contains: name of a simpler effect that it has in it, as a drift contains a bias.
         per_session: whether each of several recordings has its own parameters.
         reading: which reading of the name this instance is; empty for the default.
     """
@@ -56,6 +57,7 @@ class Effect(ABC):
     delays: ClassVar[bool] = False
     linear: ClassVar[bool] = False
     event: ClassVar[bool] = False
+    contains: ClassVar[str] = ""
     per_session: ClassVar[bool] = False
     reading: str = ""
 

@@ -47,6 +47,7 @@ class Family:
         regional: whether the effect may act in a regime only: the model then knows its families
             under the names ``name[regime]``.
         event: whether it is something that changes at one time, and so acts from a time on only.
+        contains: name of a simpler effect that it has in it; empty for none.
     """
 
     name: str
@@ -63,6 +64,7 @@ class Family:
     effect: str = ""
     regional: bool = False
     event: bool = False
+    contains: str = ""
 
 
 @dataclass(frozen=True)

@@ -65,8 +65,18 @@ class _OffsetEffect(FramedFingerEffect):
         )
 
     def _of_one(self, samples: WrenchSamples) -> tuple[EffectParameter, ...]:
-        force, torque = self.axis_parameters()[:3], self.axis_parameters()[3:]
-        return force + torque if carries_torque(samples) else force
+        force = self.of_force(samples)
+        return force + self.of_torque(samples) if carries_torque(samples) else force
+
+    def of_force(self, samples: WrenchSamples) -> tuple[EffectParameter, ...]:
+        """Three parameters for each course: the first half of all."""
+        axes = self.axis_parameters()
+        return axes[: len(axes) // 2]
+
+    def of_torque(self, samples: WrenchSamples) -> tuple[EffectParameter, ...]:
+        """Likewise, the second half."""
+        axes = self.axis_parameters()
+        return axes[len(axes) // 2 :]
 
     def sums(self, samples: WrenchSamples) -> tuple[ParameterSum, ...]:
         """Force of all chosen contacts together, which is all that one grasp tells of it."""
@@ -76,7 +86,7 @@ class _OffsetEffect(FramedFingerEffect):
         named = [
             (_of_session(p.name, session, samples), p.unit)
             for session in range(samples.sessions)
-            for p in self.axis_parameters()[:3]
+            for p in self.of_force(samples)
         ]
         return tuple(
             ParameterSum(f"sum_{name}", unit, tuple(f"{finger}_{name}" for finger in chosen))
@@ -98,8 +108,8 @@ class _OffsetEffect(FramedFingerEffect):
         return np.asarray(spread.reshape(len(columns), 6, -1))
 
     @abstractmethod
-    def course(self, samples: WrenchSamples) -> Array:
-        """How the error develops, (N,)."""
+    def courses(self, samples: WrenchSamples) -> Array:
+        """How the error develops, (N, m)."""
 
 
 def _of_session(name: str, session: int, samples: WrenchSamples) -> str:
@@ -117,8 +127,10 @@ def _offset_columns(
     effect = kind(frame=frame)
     columns, turn = contact_map(samples, contact), effect.axes(samples, contact)
     columns = np.concatenate([columns[:, :, :3] @ turn, columns[:, :, 3:] @ turn], axis=2)
-    course = -effect.course(samples) * samples.in_contact[:, contact]
-    return np.asarray(course[:, None, None] * columns)
+    courses = -effect.courses(samples) * samples.in_contact[:, [contact]]
+    forces, torques = (courses[:, None, :, None] * c[:, :, None] for c in np.split(columns, 2, 2))
+    shape = (len(courses), 6, -1)
+    return np.concatenate([forces.reshape(shape), torques.reshape(shape)], axis=2)
 
 
 @register_effect
@@ -140,33 +152,54 @@ class ForceBias(_OffsetEffect):
             "bt", "N m", 0.5, "torque bias", 0.02
         )
 
-    def course(self, samples: WrenchSamples) -> Array:
+    def courses(self, samples: WrenchSamples) -> Array:
         """Constant."""
-        return np.ones(len(samples.time))
+        return np.ones((len(samples.time), 1))
 
 
 @register_effect
 class ForceDrift(_OffsetEffect):
-    """Measured force = true force + d t, t from the first sample on, per finger."""
+    """Measured force = true force + o + d t, t from the first sample on, per finger.
+
+    A sensor drifts from its last zero on, which lies before the recording: o is what it came to by
+    then. The zero of a single sensor is part of every model and has o in it.
+    """
 
     name = "force_drift"
     family = "sensor"
     lasting = True
     linear = True
-    formula = "measured f_i = true f_i + d_i t (sensor/body frame), t from the first sample"
+    contains = ForceBias.name
+    formula = "measured f_i = true f_i + o_i + d_i t (sensor/body frame), t from the first sample"
     looks_like = "A residual that is fixed to the body frame and grows along the recording."
     sentence = "the zero of a force sensor drifts"
     remedy = "Let the sensor warm up, tare it more often, or add the drift to the model."
 
     def axis_parameters(self) -> tuple[EffectParameter, ...]:
-        """Drift of force and torque."""
-        return vector_parameters("d", "N/s", 0.5, "drift", 0.02) + vector_parameters(
-            "dt", "N m/s", 0.05, "torque drift", 0.002
+        """Drift of force and torque, and what they came to before the first sample."""
+        return (
+            *vector_parameters("d", "N/s", 0.5, "drift", 0.02),
+            *vector_parameters("o", "N", 5.0, "offset at the first sample", 0.1),
+            *vector_parameters("dt", "N m/s", 0.05, "torque drift", 0.002),
+            *vector_parameters("ot", "N m", 0.5, "torque offset at the first sample", 0.005),
         )
 
-    def course(self, samples: WrenchSamples) -> Array:
-        """Linear in time."""
-        return samples.session_time
+    def of_force(self, samples: WrenchSamples) -> tuple[EffectParameter, ...]:
+        """Drift, and of each of several sensors the offset."""
+        return super().of_force(samples)[: 6 if _has_several(samples) else 3]
+
+    def of_torque(self, samples: WrenchSamples) -> tuple[EffectParameter, ...]:
+        """Likewise."""
+        return super().of_torque(samples)[: 6 if _has_several(samples) else 3]
+
+    def courses(self, samples: WrenchSamples) -> Array:
+        """Linear in time; and constant, where that is not the zero of the one sensor there is."""
+        time = samples.session_time[:, None]
+        return np.hstack([time, np.ones_like(time)]) if _has_several(samples) else time
+
+
+def _has_several(samples: WrenchSamples) -> bool:
+    return len(samples.contact_names) > 1
 
 
 @register_effect

@@ -291,6 +291,7 @@ class HeldObjectModel(LeastSquaresModel[Effect]):
                 lasting=effect.lasting,
                 regional=can_be_gated(effect),
                 event=effect.event,
+                contains=effect.contains,
             )
             for effect, reading, columns, kept in found
         ]
