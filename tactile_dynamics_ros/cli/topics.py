@@ -41,7 +41,7 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
 
     call = verbs.add_parser("call", help="call a service without arguments (std_srvs/Trigger)")
     call.add_argument("service", metavar="SERVICE")
-    _add_timeout(call, math.inf, "wait this long for the answer; else while the service is there")
+    _add_timeout(call, None, "wait this long for the answer; else while the service is there")
     call.set_defaults(run=run_call)
 
     change = verbs.add_parser("set", help="change a parameter of a running node")
@@ -52,7 +52,7 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     change.set_defaults(run=run_set)
 
 
-def _add_timeout(parser: ArgumentParser, default: float, text: str) -> None:
+def _add_timeout(parser: ArgumentParser, default: float | None, text: str) -> None:
     parser.add_argument("--timeout", type=POSITIVE, default=default, metavar="S", help=text)
 
 
@@ -176,8 +176,9 @@ def absence(present: Callable[[], bool]) -> Callable[[], bool]:
 
 def run_call(args: Namespace) -> int:
     """Call a service and print its message, which may itself be JSON."""
+    timeout = math.inf if args.timeout is None else args.timeout
     with short_lived_node() as node:
-        success, message = call_trigger(node, args.service, args.timeout)
+        success, message = call_trigger(node, args.service, timeout)
     if args.json:
         try:
             content = json.loads(message)
