@@ -78,3 +78,9 @@ def test_a_benchmark_prints_its_outcomes_and_its_table_and_writes_its_section(tm
         assert code == 0
     assert page.read_text() == "# Benchmarks\n\n<!-- b -->\nnew\n<!-- e -->\n"
     assert capsys.readouterr() == ("old\nlast\nnew\nlast\n",) * 2
+
+
+def test_the_quick_tier_names_files_that_exist():
+    names = [n for n in (ROOT / "test/quick.txt").read_text().split("\n")[1:] if n]
+    assert len(names) == len(set(names)) > 100
+    assert [name for name in names if not (ROOT / name).is_file()] == []
