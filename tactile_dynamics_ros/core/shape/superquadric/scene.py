@@ -187,7 +187,7 @@ def _with_unseen_foot(found: TableObject, support: float) -> TableObject:
     for part in found.parts:
         flat = part.shape.to_body(lowest) * [1.0, 1.0, 0.0]
         under |= part.shape.gauge(flat) < _MIDDLE
-    if under.mean() > _SHOWN:
+    if len(lowest) and under.mean() > _SHOWN:
         return found
     parts = tuple(replace(part, foot_std=_CUT_OUT) for part in found.parts)
     return replace(found, parts=parts)
