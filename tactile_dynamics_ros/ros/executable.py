@@ -27,7 +27,13 @@ def start(name: str) -> NoReturn:
     code = 0
     with StopRequest(patience=0.0, limit=TIME_TO_END) as stop, suppress(Stopped):
         take_requests()
-        code = importlib.import_module(f"tactile_dynamics_ros.nodes.{name}").main()
+        try:
+            node = importlib.import_module(f"tactile_dynamics_ros.nodes.{name}")
+        except Exception:
+            if not stop.requested:
+                raise
+        if not stop.requested:  # libraries catch what leaves them while they load, or fail by it
+            code = node.main()
         stop.patience = math.inf
     leave(code)
 
