@@ -79,13 +79,11 @@ def ask_event(kind: str, seed: int) -> Outcome:
         hidden = create_hidden_effect(name, 1.0, seed, wrist_scenario(seed, WristOptions(**_PLAIN)))
         streams, at = table.streams(), hidden.at  # type: ignore[attr-defined]
     named, event, told = _asked(streams)
-    if event != name:
-        return Outcome(kind, seed, name, named, event, abs(told - at))
-    after = None if hidden is None else _after(hidden, body)
-    before = (body.mass, body.com)
-    return Outcome(
-        kind, seed, name, named, event, abs(told - at), _furthest(streams, name, before, after)
-    )
+    furthest = np.nan
+    if event == name:
+        after = None if hidden is None else _after(hidden, body)
+        furthest = _furthest(streams, name, (body.mass, body.com), after)
+    return Outcome(kind, seed, name, named, event, abs(told - at), furthest)
 
 
 def _after(hidden: Any, body: Any) -> tuple[float, np.ndarray]:
@@ -192,8 +190,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         f"./dev bench events --start {options.start} --seeds {options.seeds} "
         f"--clean {options.clean} --singles {options.singles}"
     )
-    show(outcomes, table, lambda found: section(found, command), options.write)
-    return 0
+    return show(outcomes, table, lambda found: section(found, command), options.write)
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.files import written_whole
 
 
 def kept(path: Path | None, make: Callable[[], Any]) -> Any:
@@ -20,15 +21,16 @@ def kept(path: Path | None, make: Callable[[], Any]) -> Any:
         make: gives the result.
 
     Raises:
-        BadInputError: others could have written the file: reading it runs what they want.
+        BadInputError: others could have written the file, so that reading it runs what they want;
+            or it cannot be written.
     """
     if path is None:
         return make()
     if not path.exists():
         found = make()
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.touch(mode=0o600)
-        path.write_bytes(pickle.dumps(found))
+        with written_whole(path) as part:
+            part.touch(mode=0o600)
+            part.write_bytes(pickle.dumps(found))
         return found
     state = path.lstat()
     mine = stat.S_ISREG(state.st_mode) and state.st_uid == os.getuid()

@@ -82,3 +82,29 @@ def test_a_node_is_stopped_while_it_loads_its_libraries(by):
 def test_a_verb_that_runs_nodes_ends_with_0_while_it_loads(monkeypatch, verb, code):
     monkeypatch.setattr(main, "load_modules", lambda: signal.raise_signal(signal.SIGINT))
     assert main.main([verb]) == code
+
+
+LOADING = """
+import os, signal
+from tactile_dynamics_ros.ros import executable
+
+class Node:
+    main = staticmethod(lambda: print("ran") or 7)
+
+def load(name):
+    try:
+        os.kill(os.getpid(), signal.SIGTERM)
+    except BaseException:
+        {answer}
+    return Node
+
+executable.importlib.import_module = load
+executable.start("any")
+"""
+
+
+@pytest.mark.parametrize("answer", ["pass", "raise ImportError('initialization failed')"])
+def test_a_library_that_catches_the_stop_changes_nothing(answer):
+    words = [sys.executable, "-c", LOADING.format(answer=answer)]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
