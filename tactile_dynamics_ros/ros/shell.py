@@ -99,6 +99,7 @@ class Shell(AnsweringNode):
             by topic: streams of one clock would seem to jump where a node was held up.
         polled: subscriptions whose messages the node takes itself.
         inputs: what comes on the topics, and why nothing does; that appears on /diagnostics.
+        work_done: called when the node has ended its own work and is about to leave DDS.
     """
 
     gather = 0.005
@@ -115,6 +116,7 @@ class Shell(AnsweringNode):
             ) from error
         except RuntimeError as error:  # of rclpy, such as security that this ROS cannot enforce
             raise TactileDynamicsError(f"node {name}: ROS refuses it: {error}") from error
+        self.work_done: Callable[[], None] = lambda: None
         self.polled: list[Subscription] = []
         self.inputs = Inputs(self)
         self._sole: dict[Subscription, tuple[Input, Numbers]] = {}
@@ -125,6 +127,11 @@ class Shell(AnsweringNode):
         self.faults = Faults(self)
         self.every(1.0, self.faults.publish)
         self.every(LOOK, self._look)
+
+    def destroy_node(self) -> None:
+        """Leave DDS; a node that has more to end does so before."""
+        self.work_done()
+        super().destroy_node()
 
     def work(self) -> None:
         """Take all waiting messages, answer requests and do what is due."""
@@ -372,6 +379,7 @@ def run_node(factory: Callable[[], Shell], arguments: list[str] | None = None) -
         finally:
             stop.patience = math.inf
             if node is not None:
+                node.work_done = stop.work_done
                 node.destroy_node()
             rclpy.try_shutdown()
     return 0

@@ -54,6 +54,24 @@ leave(3)
 """
 
 
+HANGING = """
+import ctypes, os, signal, sys
+from tactile_dynamics_ros.stopping import StopRequest
+with StopRequest(limit=1.0) as stop:
+    os.kill(os.getpid(), signal.SIGINT)
+    if sys.argv[1:]:
+        stop.work_done()
+    ctypes.PyDLL(None).sleep(60)  # keeps the lock of the interpreter, as deleting a node does
+"""
+
+
+@pytest.mark.parametrize(("done", "code"), [([], 1), (["done"], 0)], ids=["at work", "done"])
+def test_what_hangs_is_a_fault_until_the_work_is_done(done, code):
+    ended = subprocess.run([sys.executable, "-c", HANGING, *done], capture_output=True, timeout=30)
+    assert ended.returncode == code
+    assert (b"Timeout" in ended.stderr) is bool(code)
+
+
 def test_leaving_waits_for_no_thread_and_loses_no_word():
     done = subprocess.run([sys.executable, "-c", LEAVING], capture_output=True, timeout=30.0)
     assert (done.returncode, done.stdout, done.stderr) == (3, b"said\n", b"")
