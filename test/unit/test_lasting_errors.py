@@ -9,10 +9,10 @@ import pytest
 from synthetic_recording import held_box
 from test_diagnosis_engine import NOISE, Block, SlidingBlock, slide
 
-from tactile_dynamics_ros.core.discrepancy.challenges import dispersion
 from tactile_dynamics_ros.core.discrepancy.comparison import compare
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.discrepancy.documents import diagnosis_document
+from tactile_dynamics_ros.core.discrepancy.trials import dispersion
 from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import assess
 from tactile_dynamics_ros.core.effects.registry import create_effect
 from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldObjectModel

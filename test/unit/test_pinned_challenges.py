@@ -8,12 +8,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tactile_dynamics_ros.core.discrepancy.challenges import dispersion, is_outdone, temper
+from tactile_dynamics_ros.core.discrepancy.challenges import is_outdone, temper
 from tactile_dynamics_ros.core.discrepancy.screening import Family, screen
 from tactile_dynamics_ros.core.discrepancy.search import Step
-from tactile_dynamics_ros.core.discrepancy.selection import Choice
-from tactile_dynamics_ros.core.discrepancy.trials import try_effect
-from tactile_dynamics_ros.core.discrepancy.validation import fits_equally
+from tactile_dynamics_ros.core.discrepancy.trials import Choice, dispersion, try_effect
+from tactile_dynamics_ros.core.discrepancy.verdict.validation import fits_equally
 
 DRAWS = 200
 CHANNELS = 3

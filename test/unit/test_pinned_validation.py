@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, fits_equally, held_out
+from tactile_dynamics_ros.core.discrepancy.verdict.validation import HeldOut, fits_equally, held_out
 
 DRAWS = 200
 

@@ -13,13 +13,18 @@ from dataclasses import replace
 import numpy as np
 
 from tactile_dynamics_ros.core.discrepancy.change import find_change
-from tactile_dynamics_ros.core.discrepancy.model.residual_model import ResidualModel, instants
+from tactile_dynamics_ros.core.discrepancy.model.residual_model import ResidualModel
 from tactile_dynamics_ros.core.discrepancy.screening import Score, best_by_effect, screen
 from tactile_dynamics_ros.core.discrepancy.search import Step
-from tactile_dynamics_ros.core.discrepancy.structure import window_index
-from tactile_dynamics_ros.core.discrepancy.trials import Trial, evidence, square, try_effect
-from tactile_dynamics_ros.core.discrepancy.validation import fits_equally
+from tactile_dynamics_ros.core.discrepancy.trials import (
+    Trial,
+    dispersion,
+    evidence,
+    square,
+    try_effect,
+)
 from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import assess
+from tactile_dynamics_ros.core.discrepancy.verdict.validation import fits_equally
 
 _CLEARLY = 3.0
 """Multiple of `indifference` by which a law must do better than effects to outdo them: 30 of -2 log
@@ -33,12 +38,6 @@ of two fingers would be believed whatever they imitate."""
 _HALF = 0.5
 """Slack when numbers of parameters are compared: those that data determine are no integers. 0.25
 and 1 changed nothing in these examples."""
-_BLOCK = 5.0
-"""Length of the blocks whose sums show how far errors last, s: longer than a stroke of the usual
-motion, so that what follows it has no sum. 2.5 and 10 changed no verdict of the 16."""
-_FEWEST_BLOCKS = 6
-"""Blocks of a short recording at least: fewer say nothing of their variance. 3 and 12 changed no
-verdict of the 16; it acts below 30 s only."""
 
 
 def is_outdone(
@@ -162,25 +161,6 @@ def follows_other_law(step: Step, floor: float, indifference: float) -> bool:
     left = square(model) - floor**2 * len(model.residual)
     known = effects[0].criterion if effects else float("inf")
     return laws[0].gain > 0.5 * left and laws[0].criterion < known - indifference
-
-
-def dispersion(model: ResidualModel, floor: float) -> float:
-    """Variance of sums of the residual over 5 s, over that of white noise; at least 1.
-
-    Source: Wedderburn 1974, on quasi-likelihood; Newey & West 1987, on the block form.
-
-    Args:
-        model: fitted.
-        floor: white RMS of the noise alone.
-    """
-    time, white = instants(model)
-    length = min(_BLOCK, (time[-1] - time[0]) / _FEWEST_BLOCKS)
-    index = window_index(time, max(length, 1e-9))
-    counts = np.bincount(index)
-    sums = np.stack([np.bincount(index, column) for column in white.T], axis=1)
-    used = counts > 0
-    ratio = np.mean(sums[used] ** 2 / counts[used, None]) / floor**2
-    return max(1.0, float(ratio))
 
 
 def temper(step: Step) -> Step:

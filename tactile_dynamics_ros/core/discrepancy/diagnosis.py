@@ -20,14 +20,14 @@ from tactile_dynamics_ros.core.discrepancy.search import (
     is_noise,
     is_settled,
 )
-from tactile_dynamics_ros.core.discrepancy.selection import Choice, contains, with_equals
 from tactile_dynamics_ros.core.discrepancy.signature import Signature, describe_residual
-from tactile_dynamics_ros.core.discrepancy.trials import Trial
-from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, fits_equally, held_out
+from tactile_dynamics_ros.core.discrepancy.simpler import on_fewer_sensors, with_equals
+from tactile_dynamics_ros.core.discrepancy.trials import Choice, Trial, contains
 from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import Assessment, assess
 from tactile_dynamics_ros.core.discrepancy.verdict.judgement import Judgement, judge
 from tactile_dynamics_ros.core.discrepancy.verdict.materiality import NEAR_FLOOR, Trace, find_idle
 from tactile_dynamics_ros.core.discrepancy.verdict.partial import explain_most
+from tactile_dynamics_ros.core.discrepancy.verdict.validation import HeldOut, fits_equally, held_out
 from tactile_dynamics_ros.core.progress import tell
 
 _NOTHING = 0.02
@@ -167,6 +167,11 @@ def diagnose(
     group, ambiguous = find_group(step.choice, config)
     if first.within_stated and any(r.source.family.lasting for r in step.choice.named(group)):
         return unnamed("adequate", steps, floor)
+    if len(steps) == 1:
+        own = on_fewer_sensors(step.choice.best, step.choice.model, step.after.structure.floor)
+        choice = replace(step.choice, model=own.model, best=own)
+        step = Step(choice, assess(own.model, config.significance))
+        steps = (step,)
     after = held_out(step.choice.model)
     idle = find_idle(first, step.choice, before, after)
     if idle is not None:

@@ -17,9 +17,8 @@ from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
 from tactile_dynamics_ros.core.discrepancy.regimes.finding import RegimeFinding
 from tactile_dynamics_ros.core.discrepancy.screening import Score, best_by_effect
 from tactile_dynamics_ros.core.discrepancy.search import explained_share
-from tactile_dynamics_ros.core.discrepancy.selection import Choice
 from tactile_dynamics_ros.core.discrepancy.signature import Signature
-from tactile_dynamics_ros.core.discrepancy.trials import Trial
+from tactile_dynamics_ros.core.discrepancy.trials import Choice, Trial
 from tactile_dynamics_ros.core.discrepancy.verdict.materiality import Trace
 from tactile_dynamics_ros.core.discrepancy.verdict.wording import (
     capitalise,

@@ -12,9 +12,9 @@ from tactile_dynamics_ros.core.discrepancy.model.residual_model import Conventio
 from tactile_dynamics_ros.core.discrepancy.regimes.finding import RegimeFinding, regime_of
 from tactile_dynamics_ros.core.discrepancy.search import DiagnosisConfig, Step, reconsider_steps
 from tactile_dynamics_ros.core.discrepancy.signature import Signature, describe_residual
-from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, held_out
 from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import Assessment
 from tactile_dynamics_ros.core.discrepancy.verdict.judgement import Judgement
+from tactile_dynamics_ros.core.discrepancy.verdict.validation import HeldOut, held_out
 
 _READINGS = 2
 """Conventions as which a recording is read at most, each once. People mistake one, at times two; at

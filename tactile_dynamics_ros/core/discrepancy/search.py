@@ -9,8 +9,9 @@ import numpy as np
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import ResidualModel
-from tactile_dynamics_ros.core.discrepancy.selection import Choice, choose_effect, exchange
+from tactile_dynamics_ros.core.discrepancy.selection import choose_effect, exchange
 from tactile_dynamics_ros.core.discrepancy.structure import Line, find_line
+from tactile_dynamics_ros.core.discrepancy.trials import Choice
 from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import Assessment, assess
 from tactile_dynamics_ros.core.progress import tell
 
@@ -237,6 +238,7 @@ def is_noise(first: Assessment, steps: Sequence[Step], config: DiagnosisConfig) 
     """Whether what all steps leave is white, or within the uncertainty that the sensors report.
 
     Where it was the latter before, only effects that are no errors of sensors can have done it.
+    Errors of sensors of two kinds together, beside those that these report, imitate anything.
     """
     after = steps[-1].after
     if after.white:
@@ -244,9 +246,9 @@ def is_noise(first: Assessment, steps: Sequence[Step], config: DiagnosisConfig) 
     if not after.within_stated:
         return False
     share = explained_share(first.rms, after.rms, after.structure.floor)
+    lasting = sum(step.choice.best.source.family.lasting for step in steps)
     if not first.within_stated:
-        return share >= config.beyond_stated
-    lasting = any(step.choice.best.source.family.lasting for step in steps)
+        return lasting <= 1 and share >= config.beyond_stated
     return not lasting and share >= config.beside_stated
 
 

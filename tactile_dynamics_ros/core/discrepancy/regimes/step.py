@@ -21,8 +21,15 @@ from tactile_dynamics_ros.core.discrepancy.search import (
     is_noise,
     reconsider_steps,
 )
-from tactile_dynamics_ros.core.discrepancy.selection import at_home, choose_effect, rematch
-from tactile_dynamics_ros.core.discrepancy.trials import CHANCE, in_place, reachable, try_effect
+from tactile_dynamics_ros.core.discrepancy.selection import choose_effect
+from tactile_dynamics_ros.core.discrepancy.trials import (
+    CHANCE,
+    at_home,
+    in_place,
+    reachable,
+    rematch,
+    try_effect,
+)
 from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import Assessment, assess
 from tactile_dynamics_ros.core.numerics.regime import Gate, split_label
 from tactile_dynamics_ros.core.progress import tell

@@ -92,13 +92,18 @@ class Assessment:
         families = self.model.families(self.names)
         return tuple(screen(self.model, families, self.structure.floor))
 
+    @property
+    def lasting_is_stated(self) -> bool:
+        """Whether the uncertainty that the sensors report is more than their white noise."""
+        return self.structure.floor < _WHITE_PART
+
     @cached_property
     def within_stated(self) -> bool:
         """Whether sensors account for the residual by what they state.
 
         That can be more than white noise, such as gains of sensors that are off for good.
         """
-        return _is_within_stated(self.model, self.structure.floor)
+        return self.lasting_is_stated and _is_within_stated(self.model, self.structure.floor)
 
     @cached_property
     def p_value(self) -> float:
@@ -146,8 +151,6 @@ def _is_within_stated(model: ResidualModel, floor: float) -> bool:
     degrees of freedom; no second exceeds twice that; and they are slow: above 5 Hz there is no more
     than a quarter of them.
     """
-    if floor >= _WHITE_PART:
-        return False
     time, white = instants(model)
     square = (white**2).mean(axis=1)
     freedom = model.lasting_freedom

@@ -12,10 +12,9 @@ from typing import Any
 
 from tactile_dynamics_ros.core.discrepancy.screening import best_by_effect
 from tactile_dynamics_ros.core.discrepancy.search import DiagnosisConfig
-from tactile_dynamics_ros.core.discrepancy.selection import Choice
-from tactile_dynamics_ros.core.discrepancy.trials import Trial, evidence, try_effects
-from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, fits_equally
+from tactile_dynamics_ros.core.discrepancy.trials import Choice, Trial, evidence, try_effects
 from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import Assessment
+from tactile_dynamics_ros.core.discrepancy.verdict.validation import HeldOut, fits_equally
 
 NEAR_FLOOR = 1.02
 """White RMS over its floor up to which a finding may be a trace, and what a named effect leaves is

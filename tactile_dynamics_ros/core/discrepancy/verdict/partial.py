@@ -11,9 +11,8 @@ from tactile_dynamics_ros.core.discrepancy.challenges import (
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import ResidualModel
 from tactile_dynamics_ros.core.discrepancy.screening import screen
 from tactile_dynamics_ros.core.discrepancy.search import DiagnosisConfig, Step, explained_share
-from tactile_dynamics_ros.core.discrepancy.selection import at_home, rematch
 from tactile_dynamics_ros.core.discrepancy.signature import find_formula
-from tactile_dynamics_ros.core.discrepancy.trials import in_place, try_effect
+from tactile_dynamics_ros.core.discrepancy.trials import at_home, in_place, rematch, try_effect
 from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import Assessment, assess
 
 
@@ -27,7 +26,8 @@ def explain_most(
     """Effects that explain nine tenths of the excess error; none if there are no such.
 
     One effect alone, unless a law of named quantities or a change at one time does better: it would
-    only imitate what is unknown. Or several that are the terms of the shortest such law.
+    only imitate what is unknown. So may an error of sensors that report others of their own, unless
+    it dominates. Or several that are the terms of the shortest such law.
 
     Args:
         model: without them.
@@ -50,7 +50,8 @@ def _alone(
     if len(steps) > 1 and share >= config.mostly:
         step = _refitted(step, floor)
         share = explained_share(first.rms, step.after.rms, floor)
-    if share < config.mostly:
+    imitates = step.choice.best.source.family.lasting and step.after.lasting_is_stated
+    if share < (config.dominating if imitates else config.mostly):
         return ()
     of_any_size = share < config.dominating
     outdone = is_outdone_by_law(step, floor, config.indifference, of_any_size)

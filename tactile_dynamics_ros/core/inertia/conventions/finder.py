@@ -11,8 +11,8 @@ import numpy as np
 
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Convention, ResidualModel
 from tactile_dynamics_ros.core.discrepancy.search import DiagnosisConfig
-from tactile_dynamics_ros.core.discrepancy.validation import HeldOut, fits_equally, held_out
 from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import noise_floor
+from tactile_dynamics_ros.core.discrepancy.verdict.validation import HeldOut, fits_equally, held_out
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
 from tactile_dynamics_ros.core.inertia.conventions.poses import falling, write_direction
 from tactile_dynamics_ros.core.inertia.conventions.ranking import (

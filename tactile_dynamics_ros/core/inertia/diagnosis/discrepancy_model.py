@@ -23,7 +23,7 @@ from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
     Residuals,
 )
 from tactile_dynamics_ros.core.discrepancy.trials import square
-from tactile_dynamics_ros.core.discrepancy.validation import held_out
+from tactile_dynamics_ros.core.discrepancy.verdict.validation import held_out
 from tactile_dynamics_ros.core.effects.conditions import sample_scalars
 from tactile_dynamics_ros.core.effects.effect import Effect
 from tactile_dynamics_ros.core.effects.gated import can_be_gated

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from tactile_dynamics_ros.core.discrepancy.regimes.event import place_event
 from tactile_dynamics_ros.core.discrepancy.screening import screen
+from tactile_dynamics_ros.core.discrepancy.simpler import on_fewer_sensors
 from tactile_dynamics_ros.core.discrepancy.trials import try_effect
 from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import (
     assess,
@@ -130,7 +131,8 @@ def _fit(streams: Streams, effects: Sequence[Effect], config: BatchConfig | None
                 f"effect '{name}': these contacts cannot show it beside the load; leave it out"
             )
         scores = screen(model, families, floor)
-        best = try_effect(model, scores, name, floor).model
-        assert isinstance(best, HeldObjectModel)
-        model = best.refined()
+        best = try_effect(model, scores, name, floor)
+        found = on_fewer_sensors(best, best.model.refined(), floor).model
+        assert isinstance(found, HeldObjectModel)
+        model = found
     return replace(model.fitted, survey=fitted.survey, event_std=std)
