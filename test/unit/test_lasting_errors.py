@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from synthetic_recording import held_box
+from synthetic_recording import COM, INERTIA_COM, MASS, held_box
 from test_diagnosis_engine import NOISE, Block, SlidingBlock, slide
 
 from tactile_dynamics_ros.core.discrepancy.comparison import compare
@@ -107,3 +107,23 @@ def test_errors_that_follow_a_quick_motion_are_no_finding() -> None:
         follows = np.fft.irfft(np.where(hz < 14.0, noise, 0.0), len(block.time))
         force = block.force + NOISE * follows
         assert diagnose(SlidingBlock(dataclasses.replace(block, force=force))).verdict == "adequate"
+
+
+def test_a_drift_is_not_given_to_sensors_that_only_err_as_they_state() -> None:
+    """Evidence as of white noise gave it to three, and moved the inertia by 4.4 std."""
+    streams, random = held_box(seconds=30.0, seed=1).streams, np.random.default_rng([1, 1])
+    contacts, knots = {}, np.arange(0.0, 31.0, 1.5)
+    for name, contact in streams.contacts.items():
+        std = float(contact.force_std.mean())
+        errors = random.normal(0.0, 2.0 * std, (3, len(knots)))
+        force = contact.force + np.stack([np.interp(contact.time, knots, e) for e in errors], 1)
+        if name == "index":
+            force = force + np.multiply.outer(contact.time, [0.02, -0.02, 0.01])
+        stated = 3.0 * contact.force_std
+        contacts[name] = dataclasses.replace(contact, force=force, force_std=stated)
+    moved = dataclasses.replace(streams, contacts=contacts)
+    fit = fit_with_readings(moved, [create_effect("force_drift")])
+    assert [effect.label for effect in fit.effects] == ["force_drift:index@sensor"]
+    about = INERTIA_COM + MASS * (COM @ COM * np.eye(3) - np.outer(COM, COM))
+    truth = [MASS, *(MASS * COM), *about[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]]
+    assert np.all(np.abs(fit.phi - truth) < 3.0 * np.sqrt(np.diag(fit.covariance)[:10]))
