@@ -126,8 +126,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = sys.argv[1:] if arguments is None else [*arguments]
     runs_nodes = words[:1] and words[0] in NODE_VERBS
     try:
-        with StopRequest(patience=0.0) if runs_nodes else nullcontext():
+        with StopRequest(patience=0.0) if runs_nodes else nullcontext() as stop:
             args = build_parser(load_modules()).parse_args(words)
+        if stop is not None and stop.requested:  # libraries catch what leaves them while they load
+            return 0
         return int(args.run(args) or 0)
     except Stopped:
         return 0
