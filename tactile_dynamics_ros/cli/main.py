@@ -128,9 +128,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         with StopRequest(patience=0.0) if runs_nodes else nullcontext() as stop:
             args = build_parser(load_modules()).parse_args(words)
-        if stop is not None and stop.requested:  # libraries catch what leaves them while they load
-            return 0
-        return int(args.run(args) or 0)
+            if stop is not None and stop.requested:  # caught by a library while it loaded
+                return 0
+            return int(args.run(args) or 0)
     except Stopped:
         return 0
     except TactileDynamicsError as error:
