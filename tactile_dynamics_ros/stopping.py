@@ -29,6 +29,9 @@ class Stopped(BaseException):
 class StopRequest:
     """Context in which the first SIGINT or SIGTERM sets `requested`; later ones do nothing.
 
+    One within another raises `Stopped` as it is entered, where the outer one has raised it already:
+    libraries that load catch it, and nothing is to begin any longer.
+
     Args:
         patience: real time from the request until `Stopped` is raised in the main thread, whatever
             runs there, s; 0: at once; infinite: never. May be changed before the request.
@@ -52,7 +55,7 @@ class StopRequest:
     def __enter__(self) -> StopRequest:
         around = getattr(signal.getsignal(signal.SIGINT), "__self__", None)
         if isinstance(around, StopRequest) and around.requested and around.patience == 0.0:
-            raise Stopped  # a library caught the first one
+            raise Stopped
         handlers = dict.fromkeys(REQUESTS, self._on_request)
         if self.patience < math.inf:
             handlers[signal.SIGALRM] = self._on_alarm
@@ -140,7 +143,7 @@ class _TimerSetting(ctypes.Structure):
     _fields_ = tuple((name, ctypes.c_long) for name in ("period", "period_ns", "delay", "delay_ns"))
 
 
-SIGEV_THREAD = 2
+_SIGEV_THREAD = 2
 """Notification of `timer_create` that calls a function in a new thread (Linux' sigevent.h)."""
 
 
@@ -155,9 +158,9 @@ def leave_within(seconds: float) -> None:
     Args:
         seconds: real time from now.
     """
-    library = ctypes.CDLL(None, use_errno=True)
+    library = ctypes.CDLL(None)
     leave_now = ctypes.cast(library._exit, ctypes.c_void_p)
-    event = _TimerEvent(value=0, notify=SIGEV_THREAD, function=leave_now)
+    event = _TimerEvent(value=0, notify=_SIGEV_THREAD, function=leave_now)
     timer = ctypes.c_void_p()
     if library.timer_create(time.CLOCK_MONOTONIC, ctypes.byref(event), ctypes.byref(timer)):
         return

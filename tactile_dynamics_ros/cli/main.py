@@ -126,10 +126,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = sys.argv[1:] if arguments is None else [*arguments]
     runs_nodes = words[:1] and words[0] in NODE_VERBS
     try:
-        with StopRequest(patience=0.0) if runs_nodes else nullcontext() as stop:
+        with StopRequest(patience=0.0) if runs_nodes else nullcontext():
             args = build_parser(load_modules()).parse_args(words)
-            if stop is not None and stop.requested:  # caught by a library while it loaded
-                return 0
             return int(args.run(args) or 0)
     except Stopped:
         return 0

@@ -4,6 +4,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 
 import pytest
 
@@ -54,6 +55,19 @@ leave(3)
 """
 
 
+def test_leaving_waits_for_no_thread_and_loses_no_word():
+    done = subprocess.run([sys.executable, "-c", LEAVING], capture_output=True, timeout=30.0)
+    assert (done.returncode, done.stdout, done.stderr) == (3, b"said\n", b"")
+
+
+def test_a_stop_that_a_library_caught_lets_nothing_else_begin():
+    with StopRequest(patience=0.0), pytest.raises(Stopped):
+        with suppress(Stopped):  # as a library that loads does
+            signal.raise_signal(signal.SIGINT)
+        with StopRequest():
+            pytest.fail("something began")
+
+
 HANGING = """
 import ctypes, os, signal, sys
 from tactile_dynamics_ros.stopping import StopRequest
@@ -70,11 +84,6 @@ def test_what_hangs_is_a_fault_until_the_work_is_done(done, code):
     ended = subprocess.run([sys.executable, "-c", HANGING, *done], capture_output=True, timeout=30)
     assert ended.returncode == code
     assert (b"Timeout" in ended.stderr) is bool(code)
-
-
-def test_leaving_waits_for_no_thread_and_loses_no_word():
-    done = subprocess.run([sys.executable, "-c", LEAVING], capture_output=True, timeout=30.0)
-    assert (done.returncode, done.stdout, done.stderr) == (3, b"said\n", b"")
 
 
 @pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM])

@@ -169,9 +169,10 @@ def diagnose(
         return unnamed("adequate", steps, floor)
     if len(steps) == 1:
         own = on_fewer_sensors(step.choice.best, step.choice.model, step.after.structure.floor)
-        choice = replace(step.choice, model=own.model, best=own)
-        step = Step(choice, assess(own.model, config.significance))
-        steps = (step,)
+        if own.model is not step.choice.model:
+            choice = replace(step.choice, model=own.model, best=own)
+            step = Step(choice, assess(own.model, config.significance))
+            steps = (step,)
     after = held_out(step.choice.model)
     idle = find_idle(first, step.choice, before, after)
     if idle is not None:
