@@ -184,7 +184,7 @@ class Player:
         Args:
             messages: in the order in which they are due.
             speed: 1 is real time, 2 twice as fast; infinity as fast as the nodes take it.
-            tick: called after each bunch, some ten milliseconds apart.
+            tick: called after each bunch, some ten milliseconds apart; the replay waits for it.
         """
         behind: float | None = None
         self._last_word = time.monotonic()
@@ -198,7 +198,9 @@ class Player:
                 publisher.publish(message.encoded(self.epoch_ns))
             self._note_sent(bunch)
             if tick is not None:
+                began = time.monotonic()
                 tick()
+                behind += time.monotonic() - began
 
     def _note_sent(self, bunch: Sequence[Message]) -> None:
         self.position, self._sent_at = bunch[-1].due, time.monotonic()

@@ -1,4 +1,4 @@
-"""Hours of live data at 100 Hz, replayed as fast as the nodes take them: does memory stay flat?"""
+"""Hours of live data at 100 Hz with effects, diagnoses and restarts: does memory stay flat?"""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rclpy.task import Future
 
-from benchmarks.replay.motion import BODY, RATE_HZ, record_motion
+from benchmarks.replay.motion import BODY, record_motion
 from benchmarks.replay.observations import WRONG
 from benchmarks.replay.player import DIAGNOSE, NODES, Player, replay
 from benchmarks.replay.tape import Message, messages_of
@@ -24,10 +25,17 @@ CHUNK = 10.0
 SAMPLED = 5.0
 """Recorded time between two looks at the memory, s."""
 MINUTE = 60.0
-FLAT = 1.05
-"""Mean memory of the last tenth over that of the second."""
+FLAT = 0.02
+"""By how much of its mean memory may grow over the whole time, by the line through the cycles."""
+FIRST = 0.1
+"""Share of the time that comes before the line begins: caches fill, libraries are loaded."""
+FEWEST = 4
+"""Cycles that the line goes through at least; of three points its std is hardly known."""
 PATIENCE = 120.0
-"""The replay waits that long for the estimator's next word, s: a diagnosis may hold it up."""
+"""An answer counts as lost after that, s; so long the replay waits for the estimator's next word:
+a diagnosis may hold it up."""
+EFFECTS = ("force_bias", "viscous_drag", "contact_offset", "sensor_lag")
+"""One is in the model during every second period: an error of sensors, a force, a place, a time."""
 
 
 @dataclass
@@ -36,38 +44,44 @@ class Diary:
 
     Attributes:
         time: recorded, s. memory: MB by node at these times.
-        calls, answers: of /model_check/diagnose.
+        asked, answered: diagnoses and changes of the model, and how many were answered with yes.
+        restarts: of nodes.
         statuses, wrong: how many came, and how many were off by more than 4 std.
         worst: largest |estimate - truth| / std.
         drops: counts on /diagnostics at the end.
-        samples: used by the estimator.
     """
 
     time: list[float] = field(default_factory=list)
     memory: dict[str, list[float]] = field(default_factory=dict)
-    calls: int = 0
-    answers: int = 0
+    asked: int = 0
+    answered: int = 0
+    restarts: int = 0
     statuses: int = 0
     wrong: int = 0
     worst: float = 0.0
-    samples: int = 0
     drops: dict[str, dict[str, float]] = field(default_factory=dict)
 
 
 class Soak:
     """A replay without end, watched.
 
+    Every period, an effect is set or dropped and a diagnosis is called; half a period later one of
+    the nodes in turn is stopped and started again. The data go on meanwhile.
+
     Args:
         player: with running nodes.
         seconds: of recorded time.
-        diagnose: whether to ask for a diagnosis each minute of it.
+        period: of these disturbances, s; infinite for none.
         quiet: whether nothing is printed on the way.
     """
 
-    def __init__(self, player: Player, seconds: float, diagnose: bool, quiet: bool) -> None:
-        self.player, self.seconds, self.diagnose, self.quiet = player, seconds, diagnose, quiet
+    def __init__(self, player: Player, seconds: float, period: float, quiet: bool) -> None:
+        self.player, self.seconds, self.period, self.quiet = player, seconds, period, quiet
         self.diary = Diary()
         self._next_look, self._next_minute = SAMPLED, MINUTE
+        self._next_change, self._next_restart = 0.5 * period, period
+        self._changes = 0
+        self._pending: list[Future] = []
         self._began = time.monotonic()
 
     def run(self, speed: float) -> None:
@@ -79,6 +93,7 @@ class Soak:
         self.player.patience = PATIENCE
         self.player.play(self._messages(), speed, self._watch)
         self.player.listen_until(time.monotonic() + 1.0)
+        self._settle()
         self._take_statuses()
 
     def _messages(self) -> Iterator[Message]:
@@ -86,15 +101,19 @@ class Soak:
             yield from messages_of(record_motion(start, min(start + CHUNK, self.seconds)))
 
     def _watch(self) -> None:
-        """Look at the memory, and ask for a diagnosis, when it is time."""
+        """Look at the memory, and disturb the nodes, when it is time."""
         position = self.player.position
         if position >= self._next_look:
             self._next_look += SAMPLED
             self._look(position)
+        if position >= self._next_change:
+            self._next_change += self.period
+            self._change()
+        if position >= self._next_restart:
+            self._next_restart += self.period
+            self._restart()
         if position >= self._next_minute:
             self._next_minute += MINUTE
-            if self.diagnose:
-                self._ask()
             if not self.quiet:
                 self._show(position)
 
@@ -115,16 +134,31 @@ class Soak:
         self.diary.statuses += len(distances)
         self.diary.wrong += sum(distance > WRONG for distance in distances)
         self.diary.worst = max([self.diary.worst, *distances])
-        if heard.statuses:
-            self.diary.samples = heard.statuses[-1].samples
         for report in heard.reports:
             self.diary.drops[report.node] = report.counts
         heard.statuses, heard.reports, heard.errors = heard.statuses[-1:], [], heard.errors[-1:]
 
-    def _ask(self) -> None:
-        """Call for a diagnosis; the replay waits for the answer."""
-        self.diary.calls += 1
-        self.diary.answers += self.player.call(DIAGNOSE, 1, PATIENCE) != [None]
+    def _change(self) -> None:
+        """Set an effect or drop it, and call for a diagnosis."""
+        number, odd = divmod(self._changes, 2)
+        effects = [] if odd else [EFFECTS[number % len(EFFECTS)]]
+        self._changes += 1
+        estimator = "inertial_estimator"
+        self._pending.append(self.player.set_parameter(estimator, "effects", effects))
+        self._pending.append(self.player.request(DIAGNOSE))
+        self.diary.asked += 2
+
+    def _restart(self) -> None:
+        """Stop a node that owes no answer and start it again."""
+        self._settle()
+        self.player.restart(NODES[self.diary.restarts % len(NODES)])
+        self.diary.restarts += 1
+
+    def _settle(self) -> None:
+        """Count the answers that came; those that are still owed are waited for."""
+        self.player.settle(self._pending, PATIENCE)
+        self.diary.answered += sum(future.done() and _agrees(future) for future in self._pending)
+        self._pending = []
 
     def _show(self, position: float) -> None:
         used = ", ".join(f"{n} {m[-1]:.0f} MB" for n, m in self.diary.memory.items())
@@ -132,74 +166,99 @@ class Soak:
         print(f"{position / 60:5.0f} min ({pace:.1f} x): {used}", file=sys.stderr, flush=True)
 
 
+def _agrees(future: Future) -> bool:
+    """Whether an answer says yes: to a Trigger, or to a change of parameters."""
+    results = getattr(future.result(), "results", None)
+    return all(r.successful for r in results) if results else bool(future.result().success)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Replay, print memory by node; the exit code is 1 if it grows or a node ended."""
     options = _parse(arguments)
     with replay(NODES, logs=options.logs) as player:
-        began, seconds, failure = time.monotonic(), 60 * options.minutes, ""
-        soak = Soak(player, seconds, options.diagnose, options.json)
+        began, seconds, failure = time.monotonic(), MINUTE * options.minutes, ""
+        period = MINUTE * options.every if options.every else np.inf
+        soak = Soak(player, seconds, period, options.json)
         try:
             soak.run(options.speed)
         except TactileDynamicsError as error:
             failure = str(error)
-        result = summarise(soak.diary, seconds, time.monotonic() - began, failure)
+        result = summarise(soak.diary, 2 * period, time.monotonic() - began, failure)
     print(json.dumps(result) if options.json else table(result))
     return int(not result["ok"])
 
 
-def growth(time: Sequence[float], used: Sequence[float]) -> tuple[float, float, float]:
-    """Return the mean memory of the second and of the last tenth, MB, and their ratio."""
+def growth(
+    time: Sequence[float], used: Sequence[float], cycle: float
+) -> tuple[float, float, float]:
+    """Return mean memory, MB, and its growth over the whole time as a share of it, with its std.
+
+    The growth is the slope of the line through the mean memory of whole cycles, by least squares;
+    its std is from the scatter of these means. The first tenth is left out.
+
+    Args:
+        time: of the looks, s.
+        used: memory, MB.
+        cycle: after which all nodes were disturbed alike, s.
+    """
     moments, memory = np.asarray(time), np.asarray(used)
-    end = moments[-1]
-    second = memory[(moments > 0.1 * end) & (moments <= 0.2 * end)].mean()
-    last = memory[moments > 0.9 * end].mean()
-    return float(second), float(last), float(last / second)
+    late = moments > FIRST * moments[-1]
+    moments, memory = moments[late], memory[late]
+    span = moments[-1] - moments[0]
+    count = max(int(np.nan_to_num(np.round(span / cycle))), FEWEST)
+    number = np.minimum((count * (moments - moments[0]) / span).astype(int), count - 1)
+    means = np.array([memory[number == n].mean() for n in range(count)])
+    share = (np.arange(count) - 0.5 * (count - 1)) / count
+    slope = float(share @ means / (share @ share))
+    rest = means - means.mean() - slope * share
+    std = float(np.sqrt(rest @ rest / (count - 2) / (share @ share)))
+    return float(means.mean()), slope / means.mean(), std / means.mean()
 
 
-def summarise(diary: Diary, seconds: float, wall: float, failure: str = "") -> dict[str, Any]:
+def summarise(diary: Diary, cycle: float, wall: float, failure: str = "") -> dict[str, Any]:
     """Return what a soak has shown, ready for JSON.
 
     Args:
         diary: of the soak.
-        seconds: recorded time that was to be replayed.
+        cycle: after which all nodes were disturbed alike, s.
         wall: time that it took, s.
         failure: why it ended early, or "".
     """
     nodes = {}
     for name, used in diary.memory.items():
-        second, last, ratio = growth(diary.time, used)
-        nodes[name] = {"second_tenth_mb": second, "last_tenth_mb": last, "ratio": ratio}
-    flat = bool(nodes) and all(node["ratio"] <= FLAT for node in nodes.values())
+        mean, grown, std = growth(diary.time, used, cycle)
+        nodes[name] = {"mean_mb": mean, "growth": grown, "growth_std": std}
+    flat = bool(nodes) and all(node["growth"] <= FLAT for node in nodes.values())
     return {
         "recorded_s": diary.time[-1] if diary.time else 0.0,
         "times_real_time": (diary.time[-1] if diary.time else 0.0) / wall,
         "nodes": nodes,
-        "samples_used": diary.samples / (seconds * RATE_HZ),
         "statuses": diary.statuses,
         "wrong": diary.wrong,
         "worst_z": diary.worst,
-        "diagnoses": {"called": diary.calls, "answered": diary.answers},
+        "answers": {"asked": diary.asked, "answered": diary.answered},
+        "restarts": diary.restarts,
         "diagnostics": diary.drops,
         "series": {"time_s": diary.time, **diary.memory},
         "failure": failure,
-        "ok": flat and not failure and diary.calls == diary.answers,
+        "ok": flat and not failure and diary.asked == diary.answered,
     }
 
 
 def table(result: dict[str, Any]) -> str:
     """Return the result as lines of a table."""
-    lines = [f"{'node':20s} {'2nd tenth':>10s} {'last tenth':>11s} {'ratio':>6s}"]
+    lines = [f"{'node':20s} {'mean':>10s} {'growth':>8s} {'std':>6s}"]
     for name, node in result["nodes"].items():
         lines.append(
-            f"{name:20s} {node['second_tenth_mb']:7.1f} MB {node['last_tenth_mb']:8.1f} MB "
-            f"{node['ratio']:6.3f} {'ok' if node['ratio'] <= FLAT else 'GROWS'}"
+            f"{name:20s} {node['mean_mb']:7.1f} MB {100 * node['growth']:6.2f} % "
+            f"{100 * node['growth_std']:4.2f} % {'ok' if node['growth'] <= FLAT else 'GROWS'}"
         )
-    asked = result["diagnoses"]
+    answers = result["answers"]
     lines.append(
         f"{result['recorded_s'] / 60:.1f} min at {result['times_real_time']:.1f} times real time, "
-        f"{100 * result['samples_used']:.1f} % of the samples used; {result['statuses']} updates, "
+        f"{result['restarts']} restarts; {result['statuses']} updates, "
         f"{result['wrong']} off by more than 4 std (worst {result['worst_z']:.1f}); "
-        f"{asked['answered']} of {asked['called']} diagnoses answered"
+        f"{answers['answered']} of {answers['asked']} diagnoses and changes answered"
     )
     for node, counts in result["diagnostics"].items():
         if counts:
@@ -210,7 +269,9 @@ def table(result: dict[str, Any]) -> str:
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="bench soak", description=__doc__)
     parser.add_argument("--minutes", type=float, default=120.0, help="of recorded time")
-    parser.add_argument("--diagnose", action="store_true", help="a diagnosis each minute of it")
+    parser.add_argument(
+        "--every", type=float, default=5.0, help="minutes between disturbances, 0 for none"
+    )
     parser.add_argument("--speed", type=float, default=float("inf"), help="at most, 1 is real time")
     parser.add_argument("--logs", type=Path, help="folder for the logs of the nodes")
     parser.add_argument("--json", action="store_true", help="print only JSON on stdout")

@@ -155,9 +155,11 @@ class KinematicTrackerNode(Shell):
     def _on_vision(self, message: Stamped) -> None:
         pose, self._vision_covariance = uncertain_pose_to_core(message, VISION_POSE, WORLD)
         self._vision_gate.check(message.stamp)
-        positions = self._joints.at(to_seconds(message.stamp))
-        if positions is None or not self._grasped(self._joints.newest):
+        if not self._grasped(self._joints.newest):
             self._seen.clear()
+            return
+        positions = self._joints.at(to_seconds(message.stamp))
+        if positions is None:
             return
         anchor = self.kinematics.sensor_pose(self.tracker.anchor, positions)
         self._seen.append(np.linalg.inv(anchor) @ pose)

@@ -172,13 +172,17 @@ def test_counts_and_texts_that_a_fault_brings_are_told_from_usual_ones():
     assert said_text([misfit]) == {"the model does not fit: error ## times the noise"}
 
 
-def test_memory_is_compared_between_the_second_and_the_last_tenth():
-    time = np.arange(5.0, 1000.1, 5.0)
-    used = np.where(time <= 100.0, 50.0, 100.0 + 0.01 * time)
-    second, last, ratio = growth(time, used)
-    assert second == pytest.approx(101.5, abs=0.1)
-    assert last == pytest.approx(109.5, abs=0.1)
-    assert ratio == pytest.approx(last / second)
+def test_memory_is_a_line_through_whole_cycles():
+    time = np.arange(5.0, 6000.1, 5.0)
+    sawtooth = 30.0 * (time % 600.0) / 600.0
+    warming = np.where(time <= 500.0, -50.0, 0.0)
+    mean, growth_, std = growth(time, 100.0 + sawtooth + warming, 600.0)
+    assert mean == pytest.approx(115.0, abs=1.0)
+    assert abs(growth_) < 0.001
+    assert std < 0.001
+    leaking = 100.0 + sawtooth + 0.001 * time
+    mean, growth_, std = growth(time, leaking, 600.0)
+    assert growth_ * mean == pytest.approx(0.9 * 6.0, rel=0.05)
 
 
 def found(mass, std, error=1.0):
