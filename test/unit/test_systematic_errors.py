@@ -82,7 +82,7 @@ def test_gains_are_covered_though_their_sum_leaves_no_trace():
         inverse = np.linalg.inv(jacobian.T @ jacobian)
         shift = -inverse @ jacobian.T @ measured
         residual = measured + jacobian @ shift
-        basis = np.concatenate([constant, gains], axis=1)
+        basis = np.concatenate([constant, gains, np.zeros((400, 36))], axis=1)
         added = PresumedErrors.of_rows(inverse, jacobian, basis, residual, LOAD).covariance
         inside.append(abs(shift[0]) < 1.645 * np.sqrt((inverse + added)[0, 0]))
     assert 0.86 < np.mean(inside) < 0.97
@@ -119,7 +119,12 @@ def test_an_only_sensor_has_no_gain_to_presume():
     contact_fields = [field.name for field in fields(four) if field.name.startswith("contact_")]
     alone = replace(four, **{name: getattr(four, name)[:, :1] for name in contact_fields[1:]})
     alone = replace(alone, contact_names=four.contact_names[:1], in_contact=four.in_contact[:, :1])
-    assert sensor_gain_basis(four).shape == (len(four.time), 6, 4)
+    gains = sensor_gain_basis(four)
+    assert gains.shape == (len(four.time), 6, 40)
+    whole = gains[:, :, :4].sum(axis=2)
+    assert np.allclose(whole, four.measured_wrench)
+    mixed = gains[:, :, 4:].reshape(len(four.time), 6, 4, 3, 3)
+    assert np.allclose(np.trace(mixed, axis1=3, axis2=4), gains[:, :, :4])
     assert sensor_gain_basis(alone).shape == (len(four.time), 6, 0)
 
 

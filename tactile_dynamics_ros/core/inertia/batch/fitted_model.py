@@ -269,7 +269,7 @@ class FittedModel:
 
     @cached_property
     def white_lasting_errors(self) -> Array:
-        """(6 N, 9 + C) white wrenches of presumed lasting errors, see `systematic`."""
+        """(6 N, 9 + 10 C) white wrenches of presumed lasting errors, see `systematic`."""
         lever = systematic_lever(self.samples[0])
         bases = [
             np.concatenate([systematic_basis(s.rotation, lever), sensor_gain_basis(s)], axis=2)

@@ -1,9 +1,9 @@
 """Errors that last: presumed where residuals show them, corrected as far as that is safe.
 
 Where residuals betray a misfit, a constant wrench in the body frame (sensors and finger frames
-that are off), a constant force in the world (a cable) and gains of the sensors that are off are
-presumed, with the variances that make the residuals most likely. On data that the model fits, they
-are zero.
+that are off), a constant force in the world (a cable), gains of the sensors that are off and what
+each sensor shows along one axis of a load along another are presumed, with the variances that make
+the residuals most likely. On data that the model fits, they are zero.
 
 A reported estimate is corrected by the constant wrench of the sensors, to which a small share of
 the load is granted beforehand: residuals are correlated, and much that is not modelled, such as
@@ -33,6 +33,13 @@ the columns of a row."""
 _BODY_SIZE = 6
 """Number of those that are constant in the body frame (torque and force of the sensors); they come
 first. Fixed by these kinds."""
+
+_PER_SENSOR = 10
+"""Columns of a sensor in a basis: its gain, and the nine entries of the matrix that mixes its axes.
+Fixed by these kinds."""
+
+_GAINS = 2
+"""Place of the gains among the kinds of errors: after the two that are constant."""
 
 _GRANTED = 0.003
 """Standard deviation, over the load, of the constant wrench by which estimates are corrected. Of 32
@@ -94,52 +101,63 @@ def systematic_basis(rotation: Array, lever: float) -> Array:
 
 
 def sensor_gain_basis(samples: WrenchSamples) -> Array:
-    """Wrenches (N, 6, C) of a unit relative gain of each sensor: its contact's wrench.
+    """Wrenches (N, 6, 10 C) of unit relative errors of each sensor: gains, then mixings of axes.
 
-    None of an only sensor, (N, 6, 0), whose gain is a heavier load.
+    The first C are the contacts' wrenches f, torque and force each in the sensor's frame; then come,
+    for each contact, e_i e_j^T f for all axes i and j, so that any matrix that multiplies what a
+    sensor measures is a sum of them. None of an only sensor, (N, 6, 0), whose gain is a heavier
+    load.
 
     Args:
         samples: with forces whose noise is not that of the residual.
     """
-    if len(samples.contact_names) < 2:
-        return np.zeros((len(samples.time), 6, 0))
-    force = samples.contact_force
-    torque = cross(samples.contact_point, force) + samples.contact_torque
-    return np.swapaxes(np.concatenate([torque, force], axis=2), 1, 2)
+    count, contacts = samples.contact_force.shape[:2]
+    if contacts < 2:
+        return np.zeros((count, 6, 0))
+    axes = samples.contact_rotation
+    # [n, c, i, j, :] is the part of contact c's force (torque) along axis j, turned to axis i.
+    force = np.einsum("ncxi,ncyj,ncy->ncijx", axes, axes, samples.contact_force)
+    own = np.einsum("ncxi,ncyj,ncy->ncijx", axes, axes, samples.contact_torque)
+    torque = cross(samples.contact_point[:, :, None, None], force) + own
+    mixed = np.concatenate([torque, force], axis=-1)
+    gains = np.trace(mixed, axis1=2, axis2=3)
+    columns = np.concatenate([gains, mixed.reshape(count, 9 * contacts, 6)], axis=1)
+    return np.swapaxes(columns, 1, 2)
 
 
 def systematic_variances(mixing: Array, white: Array) -> Array:
     """Variances (q,) of the presumed errors that make the residuals most likely.
 
     With errors of variances D the numbers that data show of them are N(0, 1 + A D A^T). D is one
-    number each for constant wrenches of the body, constant forces of the world, and gains of
-    sensors, this one widened for how few they are; each is zero unless the likelihood gains
-    significantly (5 %).
+    number each for constant wrenches of the body, constant forces of the world, gains of sensors,
+    this one widened for how few they are, and mixings of their axes; each is zero unless the
+    likelihood gains significantly (5 %).
 
     Args:
-        mixing: (r, q) A, see `_shown`.
+        mixing: (r, q) A, see `_shown`; q is 9, or 9 + 10 C with C sensors.
         white: (r,) white numbers, see `_shown`.
     """
-    parts = np.split(mixing, [_BODY_SIZE, SYSTEMATIC_SIZE], axis=1)
-    kinds = [part for part in parts if part.shape[1]]
+    sensors = (mixing.shape[1] - SYSTEMATIC_SIZE) // _PER_SENSOR
+    edges = [_BODY_SIZE, SYSTEMATIC_SIZE, SYSTEMATIC_SIZE + sensors]
+    kinds = [part for part in np.split(mixing, edges, axis=1) if part.shape[1]]
     shapes = [part @ part.T for part in kinds]
     fits = [_most_likely(white, shapes, first) for first in range(len(shapes))]
     found, cost = min(fits, key=lambda fit: fit[1])
     if cost >= white @ white:
         return np.zeros(mixing.shape[1])
-    if len(found) == len(parts):
-        found[-1] *= _student_factor(found, shapes)
+    if sensors:
+        found[_GAINS] *= _student_factor(found, shapes)
     return np.repeat(found, [part.shape[1] for part in kinds])
 
 
 def _student_factor(variances: Array, shapes: list[Array]) -> float:
-    """Factor by which a variance of few gains grows, so that normal 90 % intervals hold.
+    """Factor by which the variance of few gains grows, so that normal 90 % intervals hold.
 
     The numbers that data show of gains with covariance v S beside other errors C are
     nu = tr(v S (v S + C)^-1), at least one; the factor is (t_nu / t_inf)^2 at 95 %.
     """
     total = np.eye(len(shapes[-1])) + np.tensordot(variances, np.array(shapes), axes=1)
-    shown = max(variances[-1] * float(np.trace(np.linalg.solve(total, shapes[-1]))), 1.0)
+    shown = max(variances[_GAINS] * float(np.trace(np.linalg.solve(total, shapes[_GAINS]))), 1.0)
     return float((stdtrit(shown, _QUANTILE) / ndtri(_QUANTILE)) ** 2)
 
 
