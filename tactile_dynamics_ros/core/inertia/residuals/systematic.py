@@ -103,7 +103,7 @@ def systematic_basis(rotation: Array, lever: float) -> Array:
 def sensor_gain_basis(samples: WrenchSamples) -> Array:
     """Wrenches (N, 6, 10 C) of unit relative errors of each sensor: gains, then mixings of axes.
 
-    The first C are the contacts' wrenches f, torque and force each in the sensor's frame; then come,
+    The first C are the contacts' wrenches f, torque and force each in the sensor frame; then come,
     for each contact, e_i e_j^T f for all axes i and j, so that any matrix that multiplies what a
     sensor measures is a sum of them. None of an only sensor, (N, 6, 0), whose gain is a heavier
     load.
