@@ -88,6 +88,25 @@ def test_gains_are_covered_though_their_sum_leaves_no_trace():
     assert 0.86 < np.mean(inside) < 0.97
 
 
+def test_axes_that_a_sensor_mixes_are_covered():
+    """Two sensors show a tenth of a load along one axis along others: the intervals hold it."""
+    inside = []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        mixed = 20.0 * rng.normal(size=(600, 2, 3, 3))
+        gains = np.trace(mixed, axis1=2, axis2=3)
+        mixed = mixed.reshape(600, 18)
+        jacobian = mixed @ rng.normal(size=(18, 4)) + rng.normal(size=(600, 4))
+        measured = rng.normal(size=600) + mixed @ rng.normal(0.0, 0.1, 18)
+        inverse = np.linalg.inv(jacobian.T @ jacobian)
+        shift = -inverse @ jacobian.T @ measured
+        basis = np.concatenate([np.zeros((600, SYSTEMATIC_SIZE)), gains, mixed], axis=1)
+        residual = measured + jacobian @ shift
+        added = PresumedErrors.of_rows(inverse, jacobian, basis, residual, LOAD).covariance
+        inside.append(np.abs(shift) < 1.645 * np.sqrt(np.diag(inverse + added)))
+    assert 0.82 < np.mean(inside) < 0.98
+
+
 def test_no_information_gives_no_variance():
     assert not systematic_variances(np.zeros((9, 9)), np.zeros(9)).any()
 

@@ -38,9 +38,6 @@ _PER_SENSOR = 10
 """Columns of a sensor in a basis: its gain, and the nine entries of the matrix that mixes its axes.
 Fixed by these kinds."""
 
-_GAINS = 2
-"""Place of the gains among the kinds of errors: after the two that are constant."""
-
 _GRANTED = 0.003
 """Standard deviation, over the load, of the constant wrench by which estimates are corrected. Of 32
 recordings in the simulated hand masses were off by 1.36 and 1.04 % RMS with it, 2.48 and 1.98 %
@@ -129,64 +126,89 @@ def systematic_variances(mixing: Array, white: Array) -> Array:
     """Variances (q,) of the presumed errors that make the residuals most likely.
 
     With errors of variances D the numbers that data show of them are N(0, 1 + A D A^T). D is one
-    number each for constant wrenches of the body, constant forces of the world, gains of sensors,
-    this one widened for how few they are, and mixings of their axes; each is zero unless the
-    likelihood gains significantly (5 %).
+    number each for constant wrenches of the body, constant forces of the world, and gains of
+    sensors, this one widened for how few they are; each is zero unless the likelihood gains
+    significantly (5 %).
 
     Args:
-        mixing: (r, q) A, see `_shown`; q is 9, or 9 + 10 C with C sensors.
+        mixing: (r, q) A, see `_shown`; q is 9, or 9 + C with C sensors.
         white: (r,) white numbers, see `_shown`.
     """
-    sensors = (mixing.shape[1] - SYSTEMATIC_SIZE) // _PER_SENSOR
-    edges = [_BODY_SIZE, SYSTEMATIC_SIZE, SYSTEMATIC_SIZE + sensors]
-    kinds = [part for part in np.split(mixing, edges, axis=1) if part.shape[1]]
-    shapes = [part @ part.T for part in kinds]
+    parts = np.split(mixing, [_BODY_SIZE, SYSTEMATIC_SIZE], axis=1)
+    kinds = [part for part in parts if part.shape[1]]
+    shapes = np.array([part @ part.T for part in kinds])
     fits = [_most_likely(white, shapes, first) for first in range(len(shapes))]
     found, cost = min(fits, key=lambda fit: fit[1])
     if cost >= white @ white:
         return np.zeros(mixing.shape[1])
-    if sensors:
-        found[_GAINS] *= _student_factor(found, shapes)
+    if len(found) == len(parts):
+        found[-1] *= _student_factor(found, shapes)
     return np.repeat(found, [part.shape[1] for part in kinds])
 
 
-def _student_factor(variances: Array, shapes: list[Array]) -> float:
+def axis_mixing_variance(variances: Array, mixing: Array, white: Array) -> float:
+    """Variance of the entries of the matrices that mix the axes of the sensors.
+
+    It is the most likely one given the other errors, so that these keep what they alone show.
+
+    Args:
+        variances: (q,) of the other errors.
+        mixing: (r, q + 9 C) A of all of them, see `_shown`.
+        white: (r,) white numbers, see `_shown`.
+    """
+    own, others = mixing[:, len(variances) :], mixing[:, : len(variances)]
+    shapes = np.array([(others * variances) @ others.T, own @ own.T])
+    return _most_likely_one(white, shapes, np.array([1.0, 0.0]), 1)[0]
+
+
+def _student_factor(variances: Array, shapes: Array) -> float:
     """Factor by which the variance of few gains grows, so that normal 90 % intervals hold.
 
     The numbers that data show of gains with covariance v S beside other errors C are
     nu = tr(v S (v S + C)^-1), at least one; the factor is (t_nu / t_inf)^2 at 95 %.
     """
-    total = np.eye(len(shapes[-1])) + np.tensordot(variances, np.array(shapes), axes=1)
-    shown = max(variances[_GAINS] * float(np.trace(np.linalg.solve(total, shapes[_GAINS]))), 1.0)
+    total = _covariance(variances, shapes)
+    shown = max(variances[-1] * float(np.trace(np.linalg.solve(total, shapes[-1]))), 1.0)
     return float((stdtrit(shown, _QUANTILE) / ndtri(_QUANTILE)) ** 2)
 
 
-def _most_likely(white: Array, shapes: list[Array], first: int) -> tuple[Array, float]:
-    """Variances v of white ~ N(0, 1 + sum v_k S_k), found in turn, and -2 log likelihood.
+def _covariance(variances: Array, shapes: Array) -> Array:
+    """1 + sum v_k S_k, (r, r)."""
+    return np.asarray(np.eye(shapes.shape[1]) + np.tensordot(variances, shapes, axes=1))
 
-    Every variance that is not zero has to earn what would be significant.
-    """
+
+def _most_likely(white: Array, shapes: Array, first: int) -> tuple[Array, float]:
+    """Variances v of white ~ N(0, 1 + sum v_k S_k), found in turn, and -2 log likelihood."""
     found, cost = np.zeros(len(shapes)), np.inf
     rounds = _ROUNDS if len(shapes) > 1 else 1
     for step in range(rounds * len(shapes)):
         k = (first + step) % len(shapes)
-        size = float(np.trace(shapes[k]))
-        if size == 0.0:
-            continue
-        found[k] = 0.0
-        present = np.eye(len(white)) + np.tensordot(found, np.array(shapes), axes=1)
-        factor = np.linalg.cholesky(present)
-        inverse = np.linalg.inv(factor)
-        values, vectors = np.linalg.eigh(inverse @ shapes[k] @ inverse.T)
-        square = (vectors.T @ (inverse @ white)) ** 2
-        tried = np.append(0.0, _DECADES * len(white) / size)
-        growth = 1.0 + np.multiply.outer(tried, np.maximum(values, 0.0))
-        costs = np.sum(np.log(growth) + square / growth, axis=1)
-        costs += 2.0 * np.sum(np.log(np.diag(factor)))
-        costs += _LIKELIHOOD_GAIN * (np.count_nonzero(found) + (tried > 0.0))
-        best = int(np.argmin(costs))
-        found[k], cost = tried[best], float(costs[best])
+        if np.trace(shapes[k]) > 0.0:
+            found[k], cost = _most_likely_one(white, shapes, found, k)
     return found, cost
+
+
+def _most_likely_one(
+    white: Array, shapes: Array, variances: Array, kind: int
+) -> tuple[float, float]:
+    """Variance of one kind given those of the others, and -2 log likelihood with it.
+
+    Every variance that is not zero has to earn what would be significant.
+    """
+    others = variances.copy()
+    others[kind] = 0.0
+    size = float(np.trace(shapes[kind]))
+    factor = np.linalg.cholesky(_covariance(others, shapes))
+    inverse = np.linalg.inv(factor)
+    values, vectors = np.linalg.eigh(inverse @ shapes[kind] @ inverse.T)
+    square = (vectors.T @ (inverse @ white)) ** 2
+    tried = np.append(0.0, _DECADES * len(white) / size) if size > 0.0 else np.zeros(1)
+    growth = 1.0 + np.multiply.outer(tried, np.maximum(values, 0.0))
+    costs = np.sum(np.log(growth) + square / growth, axis=1)
+    costs += 2.0 * np.sum(np.log(np.diag(factor)))
+    costs += _LIKELIHOOD_GAIN * (np.count_nonzero(others) + (tried > 0.0))
+    best = int(np.argmin(costs))
+    return float(tried[best]), float(costs[best])
 
 
 @dataclass(frozen=True)
@@ -217,8 +239,14 @@ class PresumedErrors:
             load: N, weight that the sensors carry.
         """
         by_error = inverse @ cross
-        mixing, white = _shown(gram, gram - cross.T @ by_error, score)
+        beside = gram - cross.T @ by_error
+        plain = slice(SYSTEMATIC_SIZE + (len(gram) - SYSTEMATIC_SIZE) // _PER_SENSOR)
+        mixing, white = _shown(gram[plain, plain], beside[plain, plain], score[plain])
         variances = systematic_variances(mixing, white)
+        if len(variances) < len(gram):
+            mixing, white = _shown(gram, beside, score)
+            most = axis_mixing_variance(variances, mixing, white)
+            variances = np.append(variances, np.full(len(gram) - len(variances), most))
         granted = np.zeros(len(gram))
         granted[:_BODY_SIZE] = (_GRANTED * load) ** 2
         corrected, posterior = _posterior(np.minimum(variances, granted), mixing, white)
