@@ -183,7 +183,7 @@ def _database_blocks(file: Path) -> Iterator[tuple[str, bytes]]:
             if _compresses_messages(file.parent):
                 for (content,) in database.execute("SELECT data FROM messages"):
                     yield "zstd", bytes(content)
-        except (sqlite3.Error, TypeError):  # damaged: the reader salvages what there is
+        except (sqlite3.Error, TypeError, UnicodeDecodeError):  # the reader salvages it
             return
 
 

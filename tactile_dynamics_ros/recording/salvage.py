@@ -149,7 +149,7 @@ def _salvage_sqlite(
                 sound = isinstance(received, int) and isinstance(data, bytes)
                 if name and wanted(name) and sound:
                     yield name, msgtype, received, data
-        except sqlite3.DatabaseError:
+        except (sqlite3.DatabaseError, UnicodeDecodeError):  # of a name, or of the error's text
             return
         finally:
             connection.close()

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lsim, lti
 
 from tactile_dynamics_ros.core.effects import (
     EFFECT_NAMES,
@@ -93,19 +94,23 @@ def test_rotor_torque_is_across_spin_and_rate():
     np.testing.assert_allclose(torque, -np.cross(SAMPLES.angular_velocity, [0.0, 0.0, 0.01]))
 
 
-def test_slosh_rings_at_its_frequency_after_a_step():
-    time = 0.002 * np.arange(2000)
-    samples = example_samples(len(time))
+def kicked(time):
+    """Samples of a body that is kicked along x for a tenth of a second and does not turn."""
     zero = np.zeros((len(time), 3))
     kick = np.where(((time > 0.2) & (time < 0.3))[:, None], [2.0, 0.0, 0.0], 0.0)
-    samples = replace(
-        samples,
+    return replace(
+        example_samples(len(time)),
         time=time,
         rotation=np.tile(np.eye(3), (len(time), 1, 1)),
         acceleration=kick,
         angular_velocity=zero,
         angular_acceleration=zero,
     )
+
+
+def test_slosh_rings_at_its_frequency_after_a_step():
+    time = 0.002 * np.arange(2000)
+    samples = kicked(time)
     force = applied("sloshing_mass", [0.1, 3.0, 0.05, 0.0, 0.0, 0.0], samples)[:, 3]
     ringing = force[200:]
     crossings = np.flatnonzero(np.diff(np.sign(ringing)) > 0)
@@ -114,6 +119,21 @@ def test_slosh_rings_at_its_frequency_after_a_step():
     assert np.abs(force[time < 0.19]).max() < 1e-9
     during = force[(time > 0.2) & (time < 0.22)]
     assert np.all(during > 0), "the mass stays behind, so the body feels less inertia"
+
+
+@pytest.mark.parametrize("hz, damping", [(3.02, 0.006), (1.23, 0.02)])
+def test_a_fit_of_a_mass_that_rings_for_long_starts_at_its_frequency(hz, damping):
+    """Water in a glass; the filters of the screening, of damping 0.1, are far from it."""
+    time = 0.01 * np.arange(1200)
+    samples, rate = kicked(time), 2.0 * np.pi * hz
+    system = lti([-1.0], [1.0, 2.0 * damping * rate, rate**2])
+    _, moved, _ = lsim(system, samples.acceleration[:, 0], time)
+    residual = 0.01 * np.random.default_rng(0).normal(size=(len(time), 6))
+    residual[:, 3] += -0.15 * np.gradient(np.gradient(moved, time), time)
+    start = create_effect("sloshing_mass").initial_guess(samples, INERTIA, np.zeros(36), residual)
+    assert start[0] == pytest.approx(0.15, rel=0.4)
+    assert start[1] == pytest.approx(hz, abs=0.03)
+    assert start[2] < 3.0 * damping
 
 
 def test_added_mass_resists_acceleration_only():

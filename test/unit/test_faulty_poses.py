@@ -87,6 +87,15 @@ def test_a_covariance_that_cannot_be_meant_is_none_live_and_offline(clean, chang
     assert batch.whitened_rms == pytest.approx(last.error.whitened_rms, abs=0.08)
 
 
+@pytest.mark.parametrize("entry", [1e300, -1e300])
+def test_entries_that_overflow_are_no_statement(entry):
+    odd = HONEST.copy()
+    odd[0, 4] = odd[4, 0] = entry
+    odd[4, 4] = 5e-324
+    said = read_covariances(np.stack([odd, entry * np.ones((6, 6)), HONEST]))
+    assert said.stated.tolist() == [False, False, True]
+
+
 def test_a_round_body_may_be_unknown_about_its_axis_and_is_not_lost():
     along = np.diag([1e-6, 1e-6, 1e6, 1e-8, 1e-8, 1e-8])
     nowhere = np.diag([1e-6, 1e-6, 1e-6, 1e-8, 1e-8, 1.0])

@@ -306,20 +306,34 @@ def _compressed(bag, target, compression):
     return next(target.glob("*.mcap"))
 
 
-def test_a_truncated_sqlite_recording_gives_what_it_still_holds(tmp_path, bag):
-    with Reader(bag) as reader, Writer(tmp_path / "sql", version=9) as writer:
+def as_sqlite(bag, target):
+    """Write a recording as a SQLite one; return the file."""
+    with Reader(bag) as reader, Writer(target, version=9) as writer:
         known = {
             c.id: writer.add_connection(c.topic, c.msgtype, typestore=STORE)
             for c in reader.connections
         }
         for connection, received, data in reader.messages():
             writer.write(known[connection.id], received, data)
-    file = next((tmp_path / "sql").glob("*.db3"))
+    return next(target.glob("*.db3"))
+
+
+def test_a_truncated_sqlite_recording_gives_what_it_still_holds(tmp_path, bag):
+    file = as_sqlite(bag, tmp_path / "sql")
     data = file.read_bytes()
     file.write_bytes(data[: int(0.7 * len(data))])
     recording = Recording.from_bag(tmp_path / "sql")
     assert any("damaged" in p for p in recording.problems)
     assert 60 < len(recording.streams.pose.time) < 200
+
+
+def test_a_sqlite_recording_whose_names_are_no_text_is_refused(tmp_path, bag):
+    file = as_sqlite(bag, tmp_path / "sql")
+    file.write_bytes(
+        file.read_bytes().replace(b"CREATE TABLE topics", b"CREATE \xff\xfeBLE topics")
+    )
+    with pytest.raises(BadInputError, match="no message could be read"):
+        Recording.from_bag(tmp_path / "sql")
 
 
 def test_a_directory_without_metadata_is_read(tmp_path):

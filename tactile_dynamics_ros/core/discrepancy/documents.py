@@ -284,14 +284,23 @@ def _significant(diagnosis: Diagnosis) -> str:
 
 
 def _lead(diagnosis: Diagnosis) -> str:
-    """How far the best known effect gets with a residual that it does not explain."""
-    if not diagnosis.steps:
+    """How far the known effects that were tried get with a residual that they do not explain.
+
+    Of several, each with its parameters, since any of them may be real and the rest another cause.
+    """
+    steps = [step for step in diagnosis.steps if step.choice.thorough] or diagnosis.steps[:1]
+    if not steps:
         return ""
-    step = diagnosis.steps[0]
-    share = explained_share(diagnosis.assessment.rms, step.after.rms, diagnosis.floor)
+    share = explained_share(diagnosis.assessment.rms, steps[-1].after.rms, diagnosis.floor)
     if share < _NOTABLE:
         return ""
-    return f"; of the known effects {step.name} explains most, {write_percent(share)} of it"
+    names = join_names([step.name for step in steps], "and")
+    if len(steps) == 1:
+        return f"; of the known effects {names} explains most, {write_percent(share)} of it"
+    fitted = steps[-1].choice.model.parameters()
+    values = "; ".join(f"{s.name}: {write_parameters(fitted.get(s.name, {}))}" for s in steps)
+    told = write_percent(share)
+    return f"; of the known effects {names} together explain {told} of it ({values})"
 
 
 def _facts(signature: Signature) -> str:

@@ -74,7 +74,7 @@ class DiagnosisConfig:
         0.25, "share of the excess error that one effect must explain to go on", "", 0.0, 1.0
     )
     second_progress: float = parameter(
-        0.8, "share that two effects must explain to be reconsidered together", "", 0.0, 1.0
+        0.65, "share that two effects must explain to be reconsidered together", "", 0.0, 1.0
     )
     third_progress: float = parameter(
         0.95, "share that reconsidered effects must explain for one more to be tried", "", 0.0, 1.0

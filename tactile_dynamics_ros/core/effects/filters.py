@@ -22,6 +22,9 @@ that nobody saw, shorter starts filters at every hiccup as settled, which they a
 _SERIES = 8
 """Terms of the exponential of a step beyond those of its input. With `_LONGEST_STEP` it is exact to
 1e-10; with 6, to 1e-8. More only cost time."""
+_PADDING = 4
+"""Length to which a spectrum is padded, in lengths of the stretch: a peak is then found to an
+eighth of 1 / T, where half of that would put a mass that rings for the whole time out of phase."""
 _LONGEST_STEP = 1.0
 """Step times the fastest rate of a spring-damper up to which the series of `discretise` is summed;
 of longer steps it is summed for a part and doubled. At 6 a series of 8 terms diverges within a
@@ -76,6 +79,31 @@ def evenly_filled(time: Array) -> tuple[Array, NDArray[np.intp]]:
     counts = np.maximum(np.round(steps / np.median(steps)), 1.0).astype(np.intp)
     places = np.concatenate([[0], np.cumsum(counts)])
     return np.interp(np.arange(places[-1] + 1), places, time), places
+
+
+def spectral_peaks(time: Array, values: Array, band: tuple[float, float], count: int) -> Array:
+    """Frequencies (at most `count`,) of the highest peaks of the power of all columns, Hz.
+
+    Of the longest stretch without gaps, with a Hann window; none if it is too short for the band.
+
+    Args:
+        time: (n,) s.
+        values: (n, d).
+        band: lowest and highest frequency, Hz.
+        count: of peaks.
+    """
+    part = max(stretches(time), key=lambda piece: piece.stop - piece.start)
+    filled, _ = evenly_filled(time[part])
+    if len(filled) < 3:
+        return np.zeros(0)
+    even = local_cubic(time[part], values[part])(filled)
+    even = (even - even.mean(axis=0)) * np.hanning(len(filled))[:, None]
+    size = _PADDING * len(filled)
+    power = np.sum(np.abs(np.fft.rfft(even, size, axis=0)) ** 2, axis=1)
+    hz = np.fft.rfftfreq(size, float(np.median(np.diff(filled))))
+    inner = (power[1:-1] >= power[:-2]) & (power[1:-1] > power[2:])
+    at = 1 + np.flatnonzero(inner & (hz[1:-1] >= band[0]) & (hz[1:-1] <= band[1]))
+    return np.asarray(hz[at[np.argsort(-power[at])[:count]]])
 
 
 def first_order_lag(time: Array, values: Array, tau: float) -> tuple[Array, Array]:

@@ -35,6 +35,13 @@ LOST_ROTATION_STD = 1.0
 gravity acts in the body is not known then. One axis alone may be unknown, as of a body that is
 round about it."""
 
+_HUGE = 1e30
+"""Largest entry that is judged, rad^2 or m^2: of more the tracker knows as little, and products of
+larger ones overflow. Below 1 it would change what trackers that are lost state."""
+_NO_CORRELATION = 2.0
+"""Size that a correlation is cut to; from 1 on the matrix is indefinite whatever it is, and the
+eigenvalues of infinite ones are not defined."""
+
 NOT_FINITE = "covariance is not finite"
 """A mistake. Words for people, also the key of its count."""
 INDEFINITE = "covariance is not positive definite"
@@ -69,7 +76,7 @@ def read_covariances(covariance: Array, planar: bool = False) -> StatedNoise:
             anything of the others.
     """
     finite: Mask = np.asarray(np.isfinite(covariance).all(axis=(1, 2)))
-    clean = np.where(finite[:, None, None], covariance, 0.0)
+    clean = np.clip(np.where(finite[:, None, None], covariance, 0.0), -_HUGE, _HUGE)
     symmetric = 0.5 * (clean + np.swapaxes(clean, 1, 2))
     judged = _on_table(symmetric) if planar else symmetric
     absent = finite & ~judged.any(axis=(1, 2))
@@ -103,6 +110,7 @@ def _unit_free(covariance: Array) -> Array:
     """Correlations (N, 6, 6), whose eigenvalues do not mix rad and m; -1 for a bad variance."""
     variance = np.einsum("nii->ni", covariance)
     scale = np.sqrt(np.where(variance > 0.0, variance, 1.0))
-    found = covariance / (scale[:, :, None] * scale[:, None, :])
+    with np.errstate(over="ignore"):
+        found = covariance / (scale[:, :, None] * scale[:, None, :])
     found[:, range(6), range(6)] = np.where(variance > 0.0, 1.0, -1.0)
-    return np.asarray(found)
+    return np.clip(found, -_NO_CORRELATION, _NO_CORRELATION)
