@@ -113,4 +113,4 @@ def _unit_free(covariance: Array) -> Array:
     with np.errstate(over="ignore"):
         found = covariance / (scale[:, :, None] * scale[:, None, :])
     found[:, range(6), range(6)] = np.where(variance > 0.0, 1.0, -1.0)
-    return np.clip(found, -_NO_CORRELATION, _NO_CORRELATION)
+    return np.asarray(np.clip(found, -_NO_CORRELATION, _NO_CORRELATION))
