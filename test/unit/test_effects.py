@@ -387,3 +387,10 @@ def test_offsets_of_metres_and_the_like_cannot_be(label, theta):
     effect, possible = create_effect(label), 0.05 * np.abs(theta)
     assert not effect.is_possible(SAMPLES, INERTIA, np.array(theta))
     assert effect.is_possible(SAMPLES, INERTIA, possible)
+
+
+def test_damping_beyond_any_ringing_is_no_sloshing():
+    effect = create_effect("sloshing_mass")
+    theta = np.array([0.1, 3.0, 1.5, 0.0, 0.0, 0.0])
+    assert effect.is_possible(SAMPLES, INERTIA, theta)
+    assert not effect.is_possible(SAMPLES, INERTIA, theta + [0.0, 0.0, 10.0, 0.0, 0.0, 0.0])

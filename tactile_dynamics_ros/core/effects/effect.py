@@ -206,8 +206,8 @@ class Effect(ABC):
             inertia: (10,) dynamic parameters.
             theta: (k,) parameters.
         """
-        least = [parameter.least for parameter in self.parameters(samples)]
-        return bool(np.all(theta >= np.array(least)))
+        pairs = zip(self.parameters(samples), theta, strict=True)
+        return all(parameter.allows(value) for parameter, value in pairs)
 
     def whole_samples_late(self, theta: Array, period: float) -> tuple[int, Array]:
         """By how many samples forces are late against the motion, and theta of exactly that.

@@ -21,6 +21,7 @@ class EffectParameter:
         description: one phrase.
         typical: a value at which the effect is plainly present; for checks and pictures.
         least: value below which the effect cannot exist, such as a spring that pushes.
+        most: value above which it cannot, or is another, such as damping without any ringing.
     """
 
     name: str
@@ -29,11 +30,16 @@ class EffectParameter:
     description: str
     typical: float = 0.0
     least: float = -math.inf
+    most: float = math.inf
 
     def __post_init__(self) -> None:
         """Fill the typical value."""
         if self.typical == 0.0:
             object.__setattr__(self, "typical", 0.2 * self.prior_std)
+
+    def allows(self, value: float) -> bool:
+        """Whether the effect can exist with a value."""
+        return self.least <= value <= self.most
 
 
 @dataclass(frozen=True)

@@ -186,8 +186,8 @@ class SloshingMass(Effect):
         """Mass, natural frequency, damping ratio, rest point (3)."""
         return (
             EffectParameter("m_s", "kg", 0.5, "moving mass", 0.05, least=0.0),
-            EffectParameter("f_n", "Hz", 10.0, "natural frequency", 2.0, least=0.0),
-            EffectParameter("zeta", "", 1.0, "damping ratio", 0.1, least=0.0),
+            EffectParameter("f_n", "Hz", 10.0, "natural frequency", 2.0, 0.0, _FASTEST_HZ),
+            EffectParameter("zeta", "", 1.0, "damping ratio", 0.1, 0.0, _MOST_DAMPING),
             *vector_parameters("r", "m", 0.1, "rest point, body frame", 0.02),
         )
 

@@ -73,16 +73,18 @@ def _require_possible(fitted: FittedModel) -> None:
     """
     for effect, theta in zip(fitted.effects, fitted.theta, strict=True):
         parameters = effect.parameters(fitted.samples[0])
-        if all(value >= p.least for p, value in zip(parameters, theta, strict=True)):
+        if all(p.allows(value) for p, value in zip(parameters, theta, strict=True)):
             continue
         found = fitted.to_estimate().effects[effect.name]
         for p in parameters:
             value, std = found.value[p.name], found.std[p.name]
-            if value < p.least - _CERTAIN * std:
+            nearest = min(max(value, p.least), p.most)
+            if abs(value - nearest) > _CERTAIN * std:
+                bound = "least" if value < nearest else "most"
                 raise NotIdentifiableError(
                     f"effect '{effect.name}' fits this recording only with {p.name} = "
-                    f"{write_interval(value, std)} {p.unit}, which cannot be (at least "
-                    f"{p.least:g}): it is not what acts here; leave it out"
+                    f"{write_interval(value, std)} {p.unit}, which cannot be (at "
+                    f"{bound} {nearest:g}): it is not what acts here; leave it out"
                 )
 
 

@@ -116,8 +116,8 @@ class PushEffect(ABC):
 
     def is_possible(self, theta: Array) -> bool:
         """Whether parameters are such that the effect can exist."""
-        least = np.array([parameter.least for parameter in self.parameters])
-        return bool(np.all(theta >= least))
+        pairs = zip(self.parameters, theta, strict=True)
+        return all(parameter.allows(value) for parameter, value in pairs)
 
 
 class WrappedEffect(PushEffect):
