@@ -107,13 +107,16 @@ def sparser(choice: Choice, names: Sequence[str], floor: float) -> Choice:
         choice = at_home(own, *rematch(model, own.name, names, floor), floor)
 
 
-def _restrictions(bare: ResidualModel, best: Trial, floor: float) -> list[Score]:
-    """Scores of the same reading of an effect on fewer sensors."""
+def _restrictions(
+    bare: ResidualModel, best: Trial, floor: float, otherwise: bool = False
+) -> list[Score]:
+    """Scores of an effect with fewer parameters: on fewer sensors, or in other readings of it."""
     family = best.source.family
     return [
         score
         for score in screen(bare, bare.families([best.name]), floor)
-        if score.family.reading == family.reading and len(score.family.kept) < len(family.kept)
+        if (score.family.reading != family.reading) == otherwise
+        and len(score.family.kept) < len(family.kept)
     ]
 
 
@@ -177,12 +180,7 @@ def _plainer(choice: Choice, floor: float) -> list[Trial]:
     """Other readings of the best effect that have fewer parameters, such as one common to all."""
     best = choice.best
     bare = choice.model.without_effect(best.name)
-    scores = [
-        score
-        for score in screen(bare, bare.families([best.name]), floor)
-        if score.family.reading != best.source.family.reading
-        and len(score.family.kept) < len(best.source.family.kept)
-    ]
+    scores = _restrictions(bare, best, floor, otherwise=True)
     readings = sorted({score.family.reading for score in scores})
     return [
         try_effect(bare, [s for s in scores if s.family.reading == reading], best.name, floor)
