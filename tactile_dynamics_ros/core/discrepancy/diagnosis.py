@@ -168,11 +168,16 @@ def diagnose(
     if first.within_stated and any(r.source.family.lasting for r in step.choice.named(group)):
         return unnamed("adequate", steps, floor)
     if len(steps) == 1:
-        own = on_fewer_sensors(step.choice.best, step.choice.model, step.after.structure.floor)
+        best, left = step.choice.best, step.after.structure.floor
+        own = on_fewer_sensors(best, step.choice.model, left, exchange=True)
         if own.model is not step.choice.model:
-            choice = replace(step.choice, model=own.model, best=own)
+            rivals = tuple(rival for rival in step.choice.rivals if rival.name != own.name)
+            choice = replace(step.choice, model=own.model, best=own, rivals=rivals)
             step = Step(choice, assess(own.model, config.significance))
             steps = (step,)
+            group = (own.name, *(name for name in group if name not in (own.name, best.name)))
+            group = group if len(group) > 1 else ()
+            ambiguous = ambiguous and bool(group)
     after = held_out(step.choice.model)
     idle = find_idle(first, step.choice, before, after)
     if idle is not None:

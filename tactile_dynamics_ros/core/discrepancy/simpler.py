@@ -49,7 +49,9 @@ equal: both whitenings favour what was fitted there. At 1 the better of the two 
 wins at its own. 0.2 and 0.8 changed no verdict of the 16 nor of three held objects."""
 
 
-def on_fewer_sensors(best: Trial, model: ResidualModel, floor: float) -> Trial:
+def on_fewer_sensors(
+    best: Trial, model: ResidualModel, floor: float, exchange: bool = False
+) -> Trial:
     """The effect on as many sensors as evidence asks for, if all of them leave what they report.
 
     What remains then are errors that last, which more parameters of more sensors make smaller, and
@@ -59,16 +61,20 @@ def on_fewer_sensors(best: Trial, model: ResidualModel, floor: float) -> Trial:
         best: one reading of an effect.
         model: thoroughly fitted with it.
         floor: white RMS of the noise alone.
+        exchange: whether what the effect contains may take its place, as a bias that of a drift.
     """
     own = in_place(best, model, floor)
     if not assess(model).within_stated:
         return own
     bare = model.without_effect(best.name)
-    scores = sorted(_restrictions(bare, best, floor), key=lambda score: -score.criterion)
+    contained = best.source.family.contains if exchange else ""
+    scores = _restrictions(bare, best, floor)
+    scores += screen(bare, bare.families([contained]), floor) if contained else []
+    scores.sort(key=lambda score: -score.criterion)
     tried = [own]
-    for score in {len(score.family.kept): score for score in scores}.values():
+    for score in {(s.family.name, len(s.family.kept)): s for s in scores}.values():
         tell(f"restricting the effect to {score.family.label}")
-        trial = try_effect(bare, [score], best.name, floor)
+        trial = try_effect(bare, [score], score.family.name, floor)
         refined = trial.model.refined()
         if assess(refined).within_stated:
             tried.append(replace(trial, model=refined))
