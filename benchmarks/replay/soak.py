@@ -26,9 +26,12 @@ SAMPLED = 5.0
 """Recorded time between two looks at the memory, s."""
 MINUTE = 60.0
 FLAT = 0.02
-"""By how much of its mean memory may grow over the whole time, by the line through the cycles."""
+"""By how much of its usual memory may grow over the whole time, by the line through the cycles."""
 FIRST = 0.1
 """Share of the time that comes before the line begins: caches fill, libraries are loaded."""
+_ROUNDING = 1e-6
+"""Share of a cycle by which its borders may be off: looks come every 5 s but for rounding. Of
+more, a look falls into the next cycle, of less, rounding decides."""
 FEWEST = 4
 """Cycles that the line goes through at least; of three points its std is hardly known."""
 PATIENCE = 120.0
@@ -191,10 +194,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def growth(
     time: Sequence[float], used: Sequence[float], cycle: float
 ) -> tuple[float, float, float]:
-    """Return mean memory, MB, and its growth over the whole time as a share of it, with its std.
+    """Return usual memory, MB, and its growth over the whole time as a share of it, with its std.
 
-    The growth is the slope of the line through the mean memory of whole cycles, by least squares;
-    its std is from the scatter of these means. The first tenth is left out.
+    The growth is the slope of the line through the medians of whole cycles, by least squares; its
+    std is from their scatter. Means would count how long fits take. The first tenth is left out.
 
     Args:
         time: of the looks, s.
@@ -202,17 +205,17 @@ def growth(
         cycle: after which all nodes were disturbed alike, s.
     """
     moments, memory = np.asarray(time), np.asarray(used)
-    late = moments > FIRST * moments[-1]
-    moments, memory = moments[late], memory[late]
-    span = moments[-1] - moments[0]
-    count = max(int(np.nan_to_num(np.round(span / cycle))), FEWEST)
-    number = np.minimum((count * (moments - moments[0]) / span).astype(int), count - 1)
-    means = np.array([memory[number == n].mean() for n in range(count)])
+    end = float(moments[-1])
+    cycle = min(cycle, (1.0 - FIRST) * end / FEWEST)
+    start = cycle * np.ceil(FIRST * end / cycle - _ROUNDING)
+    count = int((end - start) / cycle + _ROUNDING)
+    number = np.ceil((moments - start) / cycle - _ROUNDING).astype(int) - 1
+    usual = np.array([np.median(memory[number == n]) for n in range(count)])
     share = (np.arange(count) - 0.5 * (count - 1)) / count
-    slope = float(share @ means / (share @ share))
-    rest = means - means.mean() - slope * share
+    slope = float(share @ usual / (share @ share))
+    rest = usual - usual.mean() - slope * share
     std = float(np.sqrt(rest @ rest / (count - 2) / (share @ share)))
-    return float(means.mean()), slope / means.mean(), std / means.mean()
+    return float(usual.mean()), slope / usual.mean(), std / usual.mean()
 
 
 def summarise(diary: Diary, cycle: float, wall: float, failure: str = "") -> dict[str, Any]:
@@ -226,8 +229,8 @@ def summarise(diary: Diary, cycle: float, wall: float, failure: str = "") -> dic
     """
     nodes = {}
     for name, used in diary.memory.items():
-        mean, grown, std = growth(diary.time, used, cycle)
-        nodes[name] = {"mean_mb": mean, "growth": grown, "growth_std": std}
+        usual, grown, std = growth(diary.time, used, cycle)
+        nodes[name] = {"usual_mb": usual, "growth": grown, "growth_std": std}
     flat = bool(nodes) and all(node["growth"] <= FLAT for node in nodes.values())
     return {
         "recorded_s": diary.time[-1] if diary.time else 0.0,
@@ -247,10 +250,10 @@ def summarise(diary: Diary, cycle: float, wall: float, failure: str = "") -> dic
 
 def table(result: dict[str, Any]) -> str:
     """Return the result as lines of a table."""
-    lines = [f"{'node':20s} {'mean':>10s} {'growth':>8s} {'std':>6s}"]
+    lines = [f"{'node':20s} {'usual':>10s} {'growth':>8s} {'std':>6s}"]
     for name, node in result["nodes"].items():
         lines.append(
-            f"{name:20s} {node['mean_mb']:7.1f} MB {100 * node['growth']:6.2f} % "
+            f"{name:20s} {node['usual_mb']:7.1f} MB {100 * node['growth']:6.2f} % "
             f"{100 * node['growth_std']:4.2f} % {'ok' if node['growth'] <= FLAT else 'GROWS'}"
         )
     answers = result["answers"]

@@ -176,13 +176,13 @@ def test_memory_is_a_line_through_whole_cycles():
     time = np.arange(5.0, 6000.1, 5.0)
     sawtooth = 30.0 * (time % 600.0) / 600.0
     warming = np.where(time <= 500.0, -50.0, 0.0)
-    mean, growth_, std = growth(time, 100.0 + sawtooth + warming, 600.0)
-    assert mean == pytest.approx(115.0, abs=1.0)
+    usual, growth_, std = growth(time, 100.0 + sawtooth + warming, 600.0)
+    assert usual == pytest.approx(115.0, abs=1.0)
     assert abs(growth_) < 0.001
     assert std < 0.001
     leaking = 100.0 + sawtooth + 0.001 * time
-    mean, growth_, std = growth(time, leaking, 600.0)
-    assert growth_ * mean == pytest.approx(0.9 * 6.0, rel=0.05)
+    usual, growth_, std = growth(time, leaking, 600.0)
+    assert growth_ * usual == pytest.approx(0.9 * 6.0, rel=0.05)
 
 
 def found(mass, std, error=1.0):
