@@ -46,7 +46,7 @@ def kill_and_wait(system, listener, name):
     if name == "grasp_controller":
         listener.wait(lambda: listener.seen[PHASE][-1].data.startswith("idle"), 60.0, "idle")
         listener.start_grasp()
-    listener.wait_for_new(OUTPUT[name], 200.0, count=3)
+    listener.wait_for_new(OUTPUT[name], 120.0, count=3)
     assert {n: m.process.pid for n, m in system.members.items() if n != name} == others
     assert all(m.running for m in system.members.values())
 
@@ -58,11 +58,11 @@ def samples(listener):
     return int(found["solver"]["samples"])
 
 
-def estimate_grows(listener, timeout=200.0):
+def estimate_grows(listener, timeout=120.0):
     """Wait until the estimator has used more samples than before.
 
     A tracker that starts, or that lost the touch for half a second, averages 15 poses from vision
-    first: ten seconds of the hand's time, and a minute of a machine's that also does other work.
+    first: ten seconds of the hand's time, 40 of a machine's that also does other work.
     """
     listener.wait_for_new("/inertial_estimator/status", timeout)
     before = samples(listener)
