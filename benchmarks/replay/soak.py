@@ -69,7 +69,7 @@ class Soak:
     """A replay without end, watched.
 
     Every period, an effect is set or dropped and a diagnosis is called; half a period later one of
-    the nodes in turn is stopped and started again. The data go on meanwhile.
+    the nodes in turn is stopped and started again. The data go on meanwhile, but for a restart.
 
     Args:
         player: with running nodes.

@@ -299,8 +299,8 @@ def _lead(diagnosis: Diagnosis) -> str:
         return f"; of the known effects {names} explains most, {write_percent(share)} of it"
     fitted = steps[-1].choice.model.parameters()
     values = "; ".join(f"{s.name}: {write_parameters(fitted.get(s.name, {}))}" for s in steps)
-    told = write_percent(share)
-    return f"; of the known effects {names} together explain {told} of it ({values})"
+    percent = write_percent(share)
+    return f"; of the known effects {names} together explain {percent} of it ({values})"
 
 
 def _facts(signature: Signature) -> str:

@@ -183,8 +183,7 @@ def _most_likely(white: Array, shapes: Array, first: int) -> tuple[Array, float]
     rounds = _ROUNDS if len(shapes) > 1 else 1
     for step in range(rounds * len(shapes)):
         k = (first + step) % len(shapes)
-        if np.trace(shapes[k]) > 0.0:
-            found[k], cost = _most_likely_one(white, shapes, found, k)
+        found[k], cost = _most_likely_one(white, shapes, found, k)
     return found, cost
 
 
