@@ -13,8 +13,10 @@ from tactile_dynamics_ros.core.inertia.batch.batch import fit_recording
 from tactile_dynamics_ros.core.inertia.diagnosis.misreading import question
 from tactile_dynamics_ros.core.inertia.live import IncrementalInertialEstimator
 from tactile_dynamics_ros.core.inertia.live.live_estimate import Level, judge_estimate
+from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 from tactile_dynamics_ros.core.streams.cutting import cut_streams, pose_rows
 from tactile_dynamics_ros.core.streams.measurement_window import MeasurementWindow
+from tactile_dynamics_ros.core.streams.pose_jump import jumps
 from tactile_dynamics_ros.core.streams.pose_noise import (
     INDEFINITE,
     NOT_FINITE,
@@ -38,9 +40,14 @@ def clean():
 def stating(streams, covariance, start=0.0, stop=99.0):
     """Return the streams with another covariance of the poses of a span, s."""
     pose = streams.pose
-    inside = (pose.time >= start) & (pose.time < stop)
+    inside = pose_span(streams, start, stop)
     given = np.where(inside[:, None, None], covariance, pose.covariance)
     return replace(streams, pose=replace(pose, covariance=given))
+
+
+def pose_span(streams, start, stop):
+    """Return which poses lie in a span, s."""
+    return (streams.pose.time >= start) & (streams.pose.time < stop)
 
 
 def feed(estimator, streams, shift=0.0):
@@ -127,6 +134,39 @@ def test_a_lost_tracker_costs_nothing_of_the_past(clean, std):
     assert distance(found[-1]) < 4.0
     counted = {k: v for k, v in estimator.problems.items() if "lost" in k}
     assert counted == ({"pose lost by its tracker": 200} if std >= 1.0 else {})
+
+
+MOVED = {
+    "mm": (lambda places: 1e3 * places, 101),
+    "a metre": (lambda places: places + [0.0, 1.0, 0.0], 2),
+    "five centimetres": (lambda places: places + [0.05, 0.0, 0.0], 2),
+}
+
+
+@pytest.mark.parametrize("kind", MOVED)
+def test_poses_that_jump_and_return_leave_the_estimate_right(clean, kind):
+    change, jumps = MOVED[kind]
+    pose, during = clean.pose, pose_span(clean, 5.0, 7.0)
+    places = np.where(during[:, None], change(pose.position), pose.position)
+    estimator = IncrementalInertialEstimator()
+    found = list(feed(estimator, replace(clean, pose=replace(pose, position=places))))
+    at_ok = [e for e in found if judge_estimate(e, estimator.obstacles, "").level is Level.OK]
+    assert at_ok[-1].time > 9.5
+    assert max(map(distance, at_ok)) < 4.0
+    assert estimator.problems == {"pose jumps": jumps}
+
+
+def test_quick_motion_and_noise_are_no_jump():
+    time, still = 0.01 * np.arange(3.0), np.tile(np.eye(3), (3, 1, 1))
+    std = np.array([ROTATION_STD, POSITION_STD])
+    thrown = 0.5 * 90.0 * time[:, None] ** 2 * np.eye(3)[0]
+    assert not jumps(time, thrown, still, std)
+    assert jumps(time, 2.0 * thrown, still, std)
+    assert not jumps(time, 2.0 * thrown, still, 10.0 * std)
+    turned = still.copy()
+    turned[2] = exp_so3(np.array([0.0, 0.0, 0.2]))
+    assert jumps(time, 0.0 * thrown, turned, std)
+    assert not jumps(np.array([0.0, 0.01, 0.1]), 0.0 * thrown, turned, std)
 
 
 def test_a_recording_leaves_lost_poses_out(clean):

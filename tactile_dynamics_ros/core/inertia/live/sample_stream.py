@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections import Counter
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -25,6 +26,7 @@ from tactile_dynamics_ros.core.numerics.repeats import (
     repeated_poses,
 )
 from tactile_dynamics_ros.core.numerics.rolling_table import RollingTable, sliding_rows
+from tactile_dynamics_ros.core.streams.pose_jump import ASSUMED_STD, jumps
 
 Array = NDArray[np.float64]
 
@@ -99,7 +101,7 @@ class SampleStream:
         )
         self._queues: dict[str, ContactQueue] = {}
         self._layouts: list[Layout] = []
-        self._stretch_start = 0
+        self._starts = [0]
         self._draws = np.random.default_rng(0).normal(size=(_DRAWS, 6))
         self._scatter = PoseScatter()
         self._noise = SensorNoise(
@@ -131,8 +133,21 @@ class SampleStream:
         has_any = end > self._poses.start
         return float(self._poses.rows("time", end - 1, end)[0]) if has_any else -np.inf
 
+    @property
+    def _stretch_start(self) -> int:
+        """Running number of the first pose of the newest stretch."""
+        return self._starts[-1]
+
+    def _begin_stretch(self) -> None:
+        """Let no window reach from poses to come to those so far."""
+        self._layouts = [x for x in self._layouts if self._end_of(x) > self._poses.start]
+        oldest = bisect_right(self._starts, self._poses.start)
+        self._starts = [*self._starts[oldest:], self._poses.end]
+
     def add_pose(self, time: float, position: Array, rotation: Array, noise: PoseNoise) -> None:
         """Append a pose; a stamp that jumps back by more than the maximal gap starts anew.
+
+        No window reaches across a gap or a jump of the poses.
 
         Args:
             time: s.
@@ -151,7 +166,10 @@ class SampleStream:
             return
         elif step > self._config.maximum_gap and np.isfinite(step):
             self.problems["gap between poses"] += 1
-            self._stretch_start = self._poses.end
+            self._begin_stretch()
+        elif self._jumps(time, position, rotation, noise):
+            self.problems["pose jumps"] += 1
+            self._begin_stretch()
         self._count_repeated_pose(position, rotation)
         self._poses.append(
             {
@@ -172,8 +190,7 @@ class SampleStream:
         while self._contacts.end < self._poses.end:
             self._contacts.append(_blank_row())
         self._contacts.clear()
-        self._stretch_start = self._poses.end
-        self._layouts = []
+        self._starts, self._layouts = [self._poses.end], []
         for queue in self._queues.values():
             queue.clear()
 
@@ -209,7 +226,6 @@ class SampleStream:
 
     def next_range(self, first: int, limit: int) -> tuple[int, int, Layout] | None:
         """Next rows from `first` on, at most `limit`, whose windows are complete and gapless."""
-        self._layouts = [x for x in self._layouts if self._end_of(x) > self._poses.start]
         for layout in self._layouts:
             begin = max(first, layout.start + layout.long, self._poses.start + layout.long)
             begin = max(begin, self._contacts.start)
@@ -304,6 +320,19 @@ class SampleStream:
         reached = np.convolve(runs, np.ones(2 * reach + 1), "same") > 0.5
         return np.asarray(reached[first - begin : last - begin])
 
+    def _jumps(self, time: float, position: Array, rotation: Array, noise: PoseNoise) -> bool:
+        """Whether a pose does not follow the last two of its stretch."""
+        end = self._poses.end
+        if end - max(self._stretch_start, self._poses.start) < 2:
+            return False
+        new = {"time": time, "position": position, "rotation": rotation}
+        times, places, turns = (
+            np.append(self._poses.rows(name, end - 2, end), [value], axis=0)
+            for name, value in new.items()
+        )
+        std = np.sqrt(np.sum(noise.factors**2, axis=(1, 2)))
+        return jumps(times, places, turns, std if noise.stated else ASSUMED_STD)
+
     def _count_repeated_pose(self, position: Array, rotation: Array) -> None:
         end = self._poses.end
         same = end > self._poses.start and (
@@ -364,10 +393,8 @@ class SampleStream:
         return None
 
     def _end_of(self, layout: Layout) -> int:
-        later = [x.start for x in self._layouts if x.start > layout.start]
-        if layout.start < self._stretch_start:
-            later.append(self._stretch_start)
-        return min(later, default=self._poses.end)
+        following = bisect_right(self._starts, layout.start)
+        return self._starts[following] if following < len(self._starts) else self._poses.end
 
     def _read(self, time: float, period: float) -> dict[str, Any]:
         row = _blank_row()
