@@ -156,6 +156,28 @@ def test_poses_that_jump_and_return_leave_the_estimate_right(clean, kind):
     assert estimator.problems == {"pose jumps": jumps}
 
 
+FORCES = {"half": (0.5, 0.0), "off": (1.0, 1.0), "heavier": (1.18, 0.0)}
+
+
+@pytest.mark.parametrize("kind", FORCES)
+def test_forces_that_are_wrong_for_a_time_leave_the_estimate_as_sure_as_it_was(clean, kind):
+    gain, offset = FORCES[kind]
+    wrong = clean.contacts if kind == "heavier" else ["ring"]
+    contacts = dict(clean.contacts)
+    for name in wrong:
+        own = contacts[name]
+        during = (own.time >= 5.0) & (own.time < 7.0)
+        force = np.where(during[:, None], gain * own.force + offset, own.force)
+        contacts[name] = replace(own, force=force)
+    estimator = IncrementalInertialEstimator()
+    found = list(feed(estimator, replace(clean, contacts=contacts)))
+    before = next(e for e in reversed(found) if e.time < 4.9)
+    assert max(e.recent.rms for e in found) > 2.0
+    assert judge_estimate(found[-1], estimator.obstacles, "").level is Level.OK
+    assert distance(found[-1]) < 4.0
+    assert found[-1].parameter_std[0] < 1.2 * before.parameter_std[0]
+
+
 def test_quick_motion_and_noise_are_no_jump():
     time, still = 0.01 * np.arange(3.0), np.tile(np.eye(3), (3, 1, 1))
     std = np.array([ROTATION_STD, POSITION_STD])

@@ -50,6 +50,20 @@ def test_one_innovation_moves_the_scale_by_no_more_than_itself():
     assert own.scale == pytest.approx(4.0 + 4.0 / 500)
 
 
+def test_samples_count_less_only_while_the_model_fits_worse_than_before():
+    """Where it misfits from the start nothing is left of the past that would be better."""
+    squares = np.random.default_rng(2).chisquare(6, 1200) / 6.0
+    own, always = judge(), judge()
+    before = [own.noise for s in squares[:600] if own.weigh(float(s), False)]
+    assert max(before) < 1.4 and np.mean(before) < 1.05
+    during = [own.noise for s in squares[600:900] if own.weigh(16.0 * float(s), False)]
+    assert during[-1] == pytest.approx(9.0 * 16.0 / own.scale, rel=0.5) and during[4] > 5.0
+    after = [own.noise for s in squares[900:] if own.weigh(float(s), False)]
+    assert max(after[100:]) < 1.4
+    lasting = [always.noise for s in squares if always.weigh(16.0 * float(s), False)]
+    assert np.mean(lasting[300:]) < 1.1
+
+
 def test_doubtful_samples_are_believed_as_they_are_or_not_at_all_and_teach_no_scale():
     own = judge()
     assert own.weigh(1.8**2, True) == 1.0

@@ -262,9 +262,10 @@ class Accumulation:
     def _add(self, rows: WhiteRows) -> None:
         self._recent.append((rows.jacobian, rows.target))
         if rows.weight > 0.0 and not self._is_border(rows):
-            root = np.sqrt(rows.weight)
-            self.information.add(root * rows.jacobian, root * rows.target)
-            self.noise_information += rows.weight * rows.noise.T @ rows.noise
+            weight = rows.weight / rows.noise_ratio
+            root = np.sqrt(weight)
+            self.information.add(root * rows.jacobian, root * rows.target, 1.0 / rows.noise_ratio)
+            self.noise_information += weight * rows.noise.T @ rows.noise
             self.lasting.add(root * rows.jacobian, root * rows.target, root * rows.systematic)
             self.scores.add(root * rows.jacobian, root * rows.target)
             self.samples += 1

@@ -40,7 +40,7 @@ class SquareRootInformation:
         """Start without information on `size` unknowns."""
         self.size = size
         self._stack = np.zeros((size + 1, size + 1), order="F")
-        self.rows = 0
+        self.rows = 0.0
 
     @property
     def factor(self) -> Array:
@@ -63,13 +63,13 @@ class SquareRootInformation:
         freedom = self.rows - self.size
         return float(np.sqrt(self.squared_residual / freedom)) if freedom > 0 else 1.0
 
-    def add(self, jacobian: Array, target: Array) -> None:
-        """Add rows |J x - t|^2, J (m, n), t (m,)."""
+    def add(self, jacobian: Array, target: Array, count: float = 1.0) -> None:
+        """Add rows |J x - t|^2, J (m, n), t (m,), each of which counts as so many."""
         rows = np.concatenate([jacobian, target[:, None]], axis=1)
         stacked = np.concatenate([self._stack, rows], axis=0)
         factored = lapack.dgeqrf(stacked)[0]
         self._stack = np.triu(factored[: self.size + 1])
-        self.rows += len(target)
+        self.rows += count * len(target)
 
 
 class BlockScores:

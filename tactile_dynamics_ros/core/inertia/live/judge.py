@@ -26,6 +26,27 @@ one in a hundred exceeds the threshold, and those of a fault that happen to fit 
 biases the estimate. At a quarter the first samples of a fault pass into the estimate; at a few
 percent a single outlier (1 / 25 of the average) keeps doubtful samples out."""
 
+_NOISE_SAMPLES = 25
+"""Samples over which `Judge.noise` is learnt, a quarter of a second at 100 Hz: clean data reach 1.2
+times their scale less than once in an hour. Fewer follow chance, more let the first samples of a
+fault in and throw away the first ones after it."""
+_FITS, _MISFITS = 1.2, 1.5
+"""Error over the noise up to which the scatter of residuals tells how far off the estimate may be,
+and from which it does not: of what lasts as long as the recording there are few blocks. The upper
+one is that from which the status warns (`live_estimate.MISFIT`); nearer to 1 intervals of clean
+data grow by chance, higher ones leave those of hidden effects too small."""
+_LASTING_FACTOR = 9.0
+"""Factor by which variances grow beside the square of such an error, since it is not white: with 1,
+truths of hidden effects were up to 9 standard deviations off in the first ten seconds
+(`benchmarks.inertia`, recordings with one effect). More makes intervals of models that fit badly
+say nothing."""
+
+
+def misfit_factor(rms: float) -> float:
+    """Factor >= 1 on variances for an error over the noise."""
+    share = min(max((rms - _FITS) / (_MISFITS - _FITS), 0.0), 1.0)
+    return max(1.0, rms) ** 2 * (1.0 + (_LASTING_FACTOR - 1.0) * share)
+
 
 @dataclass
 class Judge:
@@ -36,14 +57,18 @@ class Judge:
         gate: relative innovation from which it is rejected.
         scale: mean square of innovations, at least 1.
         rejected: samples rejected so far.
+        noise: factor >= 1 on variances while the model fits worse than it did before, so that a
+            fault that ends leaves the estimate as it was.
     """
 
     huber: float
     gate: float
     scale: float = 1.0
     rejected: int = 0
+    noise: float = 1.0
     _seen: int = 0
     _misfits: float = 0.0
+    _mean: float = 1.0
 
     def weigh(self, square: float, doubtful: bool) -> float:
         """Share of an innovation that is believed.
@@ -58,6 +83,9 @@ class Judge:
         else:
             self._learn(square)
             weight = 0.0 if relative > self.gate else min(1.0, self.huber / max(relative, 1e-9))
+            if weight > 0.0:
+                self._mean += (square - self._mean) / _NOISE_SAMPLES
+                self.noise = misfit_factor(math.sqrt(self._mean / self.scale))
         self.rejected += weight == 0.0
         return weight
 

@@ -44,6 +44,7 @@ class WhiteRows:
         noise: (6, 10) a draw of the noise that J carries.
         systematic: (6, 9) presumed errors that last, see `systematic_basis`.
         weight: share of it that is believed, 0 to 1.
+        noise_ratio: its variance over the stated one, see `Judge.noise`.
         residual: (6,) unwhitened, at the phi of its time.
     """
 
@@ -53,6 +54,7 @@ class WhiteRows:
     noise: Array
     systematic: Array
     weight: float
+    noise_ratio: float
     residual: Array
 
 
@@ -65,6 +67,7 @@ class _Record:
     phi: Array
     factor_row: Array
     weight: float
+    noise_ratio: float
 
 
 class WhiteningPipeline:
@@ -137,7 +140,9 @@ class WhiteningPipeline:
         weight = self._judge.weigh(square, doubtful)
         white[:, -1] *= weight
         self._whitener.commit(noise, row, white)
-        record = _Record(batch.motion.row(k), batch.residual[k], phi, row, weight)
+        record = _Record(
+            batch.motion.row(k), batch.residual[k], phi, row, weight, self._judge.noise
+        )
         self._decorrelator.push(noise, row, white[:, :-3:-1], record)
 
     def _centre(self) -> tuple[_Record, Array] | None:
@@ -181,5 +186,6 @@ class WhiteningPipeline:
             white[:, _SIZE : 2 * _SIZE],
             white[:, 2 * _SIZE : -1],
             record.weight,
+            record.noise_ratio,
             record.residual,
         )

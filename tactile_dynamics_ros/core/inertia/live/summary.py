@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import ModelError
 from tactile_dynamics_ros.core.inertia.batch.uncertainty import undetermined_parameters
 from tactile_dynamics_ros.core.inertia.live.accumulation import Accumulation
+from tactile_dynamics_ros.core.inertia.live.judge import misfit_factor
 from tactile_dynamics_ros.core.inertia.live.live_estimate import LiveEstimate
 from tactile_dynamics_ros.core.inertia.residuals.systematic import PresumedErrors
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
@@ -23,18 +24,6 @@ _NEAR = 0.05
 is found again. Zero finds it with each update, at the cost of a solution; kept over ten updates
 regardless, it could throw inertia far off for a moment."""
 
-
-_FITS, _MISFITS = 1.2, 1.5
-"""Error over the noise up to which blocks of scores tell how far off the estimate may be, and from
-which they do not: of what lasts as long as the recording there are few blocks. The upper one is
-that from which the status warns (`live_estimate.MISFIT`); nearer to 1 intervals of clean data grow
-by chance, higher ones leave those of hidden effects too small."""
-_LASTING_FACTOR = 9.0
-"""Factor by which variances grow at such a misfit: with 1, truths of hidden effects were up to 9
-standard deviations off in the first ten seconds (`benchmarks.inertia`, recordings with one effect).
-More makes intervals of models that fit badly say nothing."""
-
-
 _CHANGED = 4.0
 """Standard deviations by which the load of the newest samples must differ to be said to have
 changed: by chance once in 16 000 looks. Lower warns of clean data, higher keeps quiet of a change
@@ -42,12 +31,6 @@ that the interval does not cover."""
 _LEAST_CHANGE = 0.02
 """Share of the load that may differ without a word: errors of poses and fingertips that last for
 half a second do a percent. Lower warns of these, higher lets small payloads pass for longer."""
-
-
-def _misfit_factor(rms: float) -> float:
-    """Factor >= 1 on variances for a whitened RMS of the model."""
-    share = min(max((rms - _FITS) / (_MISFITS - _FITS), 0.0), 1.0)
-    return max(1.0, rms) ** 2 * (1.0 + (_LASTING_FACTOR - 1.0) * share)
 
 
 class Summariser:
@@ -79,7 +62,7 @@ class Summariser:
         widening, lasting, excitation = self._due(model)
         if widening:
             scatter = model.scores.inflation(model.phi, covariance)
-            self._widen = np.sqrt(scatter * _misfit_factor(model.information.whitened_rms))
+            self._widen = np.sqrt(scatter * misfit_factor(model.information.whitened_rms))
         if lasting or self._presumed is None:
             self._presumed = model.presume_lasting_errors()
             self._corrected_at = np.full(10, np.inf)
