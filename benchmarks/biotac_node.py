@@ -85,7 +85,7 @@ def _round_trips(
         WrenchStamped, f"/biotac/{ROBOT.fingers[-1]}/force", lambda _: None, STREAM, raw=True
     )
     publisher = here.create_publisher(Image, "/biotac/raw", STREAM)
-    waiter = Waiter(here, [force])
+    waiter = Waiter(here, lambda: [force])
     _wait_for(here, lambda: publisher.get_subscription_count() > 0)
     messages = [
         biotac_to_message(counts, 1.0 + _PERIOD * k, "hand")

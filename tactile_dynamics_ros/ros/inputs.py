@@ -15,7 +15,6 @@ from enum import Enum
 from typing import Any
 
 from rclpy.node import Node
-from rclpy.subscription import Subscription
 
 from tactile_dynamics_ros.ros.object_state import SILENT
 
@@ -27,6 +26,10 @@ publish at once: those of two mix with every message, those of a restarted one g
 ASKED = 1.0
 """Real time between questions to the middleware who publishes a silent topic, s: a question takes a
 tenth of a millisecond, and a publisher that appears is named a second later at most."""
+PATIENCE = 5.0
+"""Silence of a topic that somebody publishes and the node needs, s, after which it is subscribed to
+anew (`second_participant`); each time it did not help twice as long. Shorter subscribes anew while
+a publisher is only about to begin, longer leaves a node deaf for longer."""
 
 
 class Need(Enum):
@@ -73,6 +76,7 @@ class Input:
         rivals: until when it is said that two publish at once.
         asked: when it was last asked who publishes.
         publishers: name of the node and type of each that publishes it, as of then.
+        renewed: when it was last subscribed to anew. patience: s until it is again.
     """
 
     topic: str
@@ -85,14 +89,29 @@ class Input:
     rivals: float = -math.inf
     asked: float = -math.inf
     publishers: Sequence[tuple[str, str]] = ()
+    renewed: float = -math.inf
+    patience: float = PATIENCE
 
     def take(self, now: float) -> None:
         """Note that a message was used."""
-        self.heard, self.ever = now, True
+        self.heard, self.ever, self.patience = now, True, PATIENCE
 
     def refuse(self, reason: str, now: float) -> None:
         """Note that a message was refused."""
         self.refused, self.reason = now, reason
+
+    def is_deaf(self, now: float) -> bool:
+        """Whether nothing comes, not even to be refused, though somebody publishes it."""
+        awaited = self.need is Need.ALWAYS or (self.need is Need.ONCE and not self.ever)
+        return (
+            awaited
+            and any(kind == self.kind for _, kind in self.publishers)
+            and now - max(self.heard, self.refused, self.renewed) > self.patience
+        )
+
+    def renew(self, now: float) -> None:
+        """Note that it is subscribed to anew."""
+        self.renewed, self.patience = now, 2.0 * self.patience
 
     def suspicious(self, now: float) -> bool:
         """Whether it is worth asking who publishes."""
@@ -135,11 +154,11 @@ class Inputs:
         self._found: dict[str, Input] = {}
         self.troubles: tuple[str, ...] = ()
 
-    def add(self, subscription: Subscription, topic: str, kind: type[Any], need: Need) -> Input:
-        """Follow a topic; it has been silent from now on."""
+    def add(self, full: str, topic: str, kind: type[Any], need: Need) -> Input:
+        """Follow a topic, its whole name and that which was given; silent from now on."""
         package, name = kind.__module__.split(".")[0], kind.__name__
         found = Input(topic, f"{package}/msg/{name}", need, time.monotonic())
-        self._found[subscription.topic_name] = found
+        self._found[full] = found
         return found
 
     def has_rivals(self, topic: str) -> bool:

@@ -7,7 +7,7 @@ import os
 import struct
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from operator import itemgetter
@@ -28,6 +28,7 @@ from tactile_dynamics_ros.ros.diagnostics import Faults
 from tactile_dynamics_ros.ros.inputs import RIVAL_SPAN, Input, Inputs, Need, Numbers
 from tactile_dynamics_ros.ros.introduction import introduce
 from tactile_dynamics_ros.ros.parameters import AnsweringNode, refuse_unknown
+from tactile_dynamics_ros.ros.second_participant import SecondParticipant
 from tactile_dynamics_ros.ros.serving import REQUESTS, Served
 from tactile_dynamics_ros.ros.waiting import Waiter
 from tactile_dynamics_ros.ros.wire import decoder_of
@@ -74,6 +75,27 @@ class Polled(CallbackGroup):
 
 
 @dataclass
+class Listening:
+    """One topic that a node listens to.
+
+    Attributes:
+        subscribe: makes a subscription through another participant.
+        subscription: that counts now.
+        source: what comes on it.
+        skim: while the node skims, only so many of those taken together are handed over; 0: all.
+        numbers: of the messages, where two publishers at once are left out.
+        through: the participant of the subscription, where it is not that of the node.
+    """
+
+    subscribe: Callable[[SecondParticipant], Subscription]
+    subscription: Subscription
+    source: Input
+    skim: int
+    numbers: Numbers | None
+    through: SecondParticipant | None = None
+
+
+@dataclass
 class _Periodic:
     """A callback that is due every `period` seconds of wall time."""
 
@@ -97,7 +119,7 @@ class Shell(AnsweringNode):
         skimming: whether only the newest matters of the streams that may be skimmed.
         by_arrival: whether messages are handed over in the order in which they came, not topic
             by topic: streams of one clock would seem to jump where a node was held up.
-        polled: subscriptions whose messages the node takes itself.
+        listening: the topics whose messages the node takes itself.
         inputs: what comes on the topics, and why nothing does; that appears on /diagnostics.
         work_done: called when the node has ended its own work and is about to leave DDS.
     """
@@ -117,10 +139,9 @@ class Shell(AnsweringNode):
         except RuntimeError as error:  # of rclpy, such as security that this ROS cannot enforce
             raise TactileDynamicsError(f"node {name}: ROS refuses it: {error}") from error
         self.work_done: Callable[[], None] = lambda: None
-        self.polled: list[Subscription] = []
+        self.listening: list[Listening] = []
         self.inputs = Inputs(self)
-        self._sole: dict[Subscription, tuple[Input, Numbers]] = {}
-        self._skimmed: dict[Subscription, int] = {}
+        self._participants: list[SecondParticipant] = []
         self._polled_group = Polled()
         self._served: list[Served] = []
         self._periodic: list[_Periodic] = []
@@ -131,16 +152,17 @@ class Shell(AnsweringNode):
     def destroy_node(self) -> None:
         """Leave DDS; a node that has more to end does so before."""
         self.work_done()
+        self._close_participants()
         super().destroy_node()
 
     def work(self) -> None:
         """Take all waiting messages, answer requests and do what is due."""
         arrived: list[tuple[int, Subscription, Any]] = []
-        for subscription in self.polled:
-            taken = self._take(subscription)
+        for one in self.listening:
+            taken = self._take(one)
             if self.skimming:
-                taken = taken[-self._skimmed.get(subscription, BURST) :]
-            arrived += [(found.received, subscription, found.message) for found in taken]
+                taken = taken[-one.skim :]
+            arrived += [(found.received, one.subscription, found.message) for found in taken]
         if self.by_arrival:
             arrived.sort(key=itemgetter(0))
         for _, subscription, message in arrived:
@@ -158,18 +180,39 @@ class Shell(AnsweringNode):
     def _look(self) -> None:
         """Say at once what has begun or ceased to be wrong with the inputs."""
         changed = self.inputs.look()
+        now = time.monotonic()
+        if deaf := [one for one in self.listening if one.source.is_deaf(now)]:
+            self._subscribe_anew(deaf, now)
         self.faults.troubles = self.inputs.troubles
         if changed:
             self.faults.publish()
 
-    def _take(self, subscription: Subscription) -> list[Taken]:
+    def _subscribe_anew(self, deaf: Sequence[Listening], now: float) -> None:
+        """Listen through another participant to what others publish and nobody brings."""
+        for one in deaf:
+            one.source.renew(now)
+            self.faults.add("subscribed_anew", f"{one.source.topic}: published and not heard")
+        with suppress(RuntimeError):  # of rclpy, such as security that asks for an enclave
+            other = SecondParticipant(self)
+            for one in deaf:
+                _ = self.destroy_subscription(one.subscription) or one.subscription.destroy()
+                one.subscription, one.through = one.subscribe(other), other
+            self._participants.append(other)
+        self._close_participants(but=[one.through for one in self.listening])
+
+    def _close_participants(self, but: Sequence[SecondParticipant | None] = ()) -> None:
+        for other in self._participants:
+            if other not in but:
+                other.close()
+        self._participants = [other for other in self._participants if other in but]
+
+    def _take(self, one: Listening) -> list[Taken]:
         """Return the messages that wait; none of a topic on which two publish at once."""
-        taken = take_messages(subscription, self._undecodable)
-        if subscription not in self._sole or not taken:
+        taken, source = take_messages(one.subscription, self._undecodable), one.source
+        if one.numbers is None or not taken:
             return taken
-        source, numbers = self._sole[subscription]
         now = time.monotonic()
-        if numbers.mix([found.number for found in taken], now):
+        if one.numbers.mix([found.number for found in taken], now):
             source.rivals = now + RIVAL_SPAN
         if now >= source.rivals:
             return taken
@@ -180,10 +223,8 @@ class Shell(AnsweringNode):
         )
         return []
 
-    def _undecodable(self, subscription: Subscription, error: Exception) -> None:
-        self.faults.add(
-            "undecodable", f"{subscription.topic_name}: message cannot be read: {error}"
-        )
+    def _undecodable(self, topic: str, error: Exception) -> None:
+        self.faults.add("undecodable", f"{topic}: message cannot be read: {error}")
 
     def process(self) -> None:
         """Work on what was taken together; nodes that gain by it override this."""
@@ -222,7 +263,7 @@ class Shell(AnsweringNode):
                 read = message if decode is None else decode(message)
             except (ValueError, struct.error, IndexError) as error:
                 source.refuse(f"message cannot be read: {error}", time.monotonic())
-                self._undecodable(subscription, error)
+                self._undecodable(full, error)
                 return
             try:
                 callback(read)
@@ -233,20 +274,19 @@ class Shell(AnsweringNode):
             else:
                 source.take(time.monotonic())
 
+        as_bytes = raw or decode is not None
+        group = self._polled_group
         subscription = self.create_subscription(
-            kind,
-            topic,
-            guarded,
-            profile,
-            callback_group=self._polled_group,
-            raw=raw or decode is not None,
+            kind, topic, guarded, profile, callback_group=group, raw=as_bytes
         )
-        self.polled.append(subscription)
-        if skim:
-            self._skimmed[subscription] = skim
-        source = self.inputs.add(subscription, topic, kind, need)
-        if sole:
-            self._sole[subscription] = source, Numbers()
+        full = subscription.topic_name
+
+        def subscribe(other: SecondParticipant) -> Subscription:
+            return other.subscribe(kind, full, guarded, profile, as_bytes)
+
+        source = self.inputs.add(full, topic, kind, need)
+        numbers = Numbers() if sole else None
+        self.listening.append(Listening(subscribe, subscription, source, skim, numbers))
 
     def stream(self, kind: type[Any], topic: str) -> Publisher:
         """Return a publisher of sensor data."""
@@ -292,13 +332,13 @@ class Taken(NamedTuple):
 
 def take_messages(
     subscription: Subscription,
-    refuse: Callable[[Subscription, Exception], None] = lambda *_: None,
+    refuse: Callable[[str, Exception], None] = lambda *_: None,
 ) -> list[Taken]:
     """Return the messages that wait, the oldest first.
 
     Args:
         subscription: to take from.
-        refuse: called with each message that the middleware cannot read.
+        refuse: called with the topic of each message that the middleware cannot read.
     """
     taken: list[Taken] = []
     handle = subscription.handle
@@ -307,7 +347,7 @@ def take_messages(
             try:
                 found = handle.take_message(subscription.msg_type, subscription.raw)
             except (RuntimeError, ValueError) as error:
-                refuse(subscription, error)
+                refuse(subscription.topic_name, error)
                 continue
             if found is None:
                 break
@@ -326,7 +366,7 @@ def spin(node: Shell, stop: Callable[[], bool]) -> None:
     """
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    waiter = Waiter(node, node.polled)
+    waiter = Waiter(node, lambda: [one.subscription for one in node.listening])
     service = time.monotonic()
     while not stop():
         requested = waiter.wait(min(node.idle_time(), service - time.monotonic()))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.subscription import Subscription
@@ -17,16 +19,16 @@ class Waiter:
 
     Args:
         node: whose services and clients are waited for.
-        subscriptions: that are waited for; the list may grow.
+        subscriptions: returns those that are waited for now.
     """
 
-    def __init__(self, node: Node, subscriptions: list[Subscription]) -> None:
+    def __init__(self, node: Node, subscriptions: Callable[[], list[Subscription]]) -> None:
         self._node, self._subscriptions = node, subscriptions
         self._size = (0, 0, 0)
 
     def wait(self, timeout: float) -> bool:
         """Wait for at most `timeout` s; return whether a request or a response has come."""
-        subscriptions = self._subscriptions
+        subscriptions = self._subscriptions()
         clients, services = list(self._node.clients), list(self._node.services)
         size = (len(subscriptions), len(clients), len(services))
         if size != self._size:

@@ -5,12 +5,14 @@ import os
 import re
 import subprocess
 import sys
+from functools import partial
 
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped, Vector3Stamped
 
 from tactile_dynamics_ros.ros import shell, wire
+from tactile_dynamics_ros.ros.inputs import Need
 from tactile_dynamics_ros.ros.introduction import introduce
 
 
@@ -60,6 +62,28 @@ def test_messages_of_all_topics_are_read_in_the_order_in_which_they_came(bench):
         bench.send(f"/{'ab'[k % 2]}/force_std", value)
     bench.until(lambda: len(read) == 20)
     assert read == sorted(read)
+
+
+def test_what_is_published_and_not_heard_is_listened_to_through_another_participant(bench):
+    """As after a restart of which DDS did not tell the publisher."""
+    node, read = bench.start(lambda: shell.Shell("deaf")), []
+    for name in ("heard", "missed"):
+        topic, take = f"/{name}/force_std", partial(read.append, name)
+        node.listen(Vector3Stamped, topic, lambda _, take=take: take(), need=Need.ALWAYS)
+    missed = node.listening[1]
+    missed.source.patience = 0.5
+    node.destroy_subscription(missed.subscription)
+    missed.subscription = node.create_subscription(Vector3Stamped, "/elsewhere", print, 10)
+    value = wire.encode_stamped(wire.Stamp(1, 0), "world", np.ones(3))
+
+    def both_are_heard():
+        for topic in ("/heard/force_std", "/missed/force_std"):
+            bench.send(topic, value)
+        return {"heard", "missed"} <= set(read)
+
+    bench.until(both_are_heard)
+    assert node.faults.counts["subscribed_anew"] == 1
+    assert [one.through is None for one in node.listening] == [True, False]
 
 
 def test_a_count_that_begins_anew_is_counted_on(bench):

@@ -6,7 +6,7 @@ import pytest
 
 from tactile_dynamics_ros.nodes.inertial_estimator import InertialEstimatorConfig
 from tactile_dynamics_ros.ros.conversions import MessageError
-from tactile_dynamics_ros.ros.inputs import Input, Need, Numbers
+from tactile_dynamics_ros.ros.inputs import PATIENCE, Input, Need, Numbers
 from tactile_dynamics_ros.ros.object_state import DROPPED, SILENT, Holding
 from tactile_dynamics_ros.ros.shell import LOOK
 from tactile_dynamics_ros.ros.stream_clock import StreamClock
@@ -36,6 +36,30 @@ def test_silence_after_the_first_message_is_a_trouble_only_of_what_always_comes(
     said = source(Need.ALWAYS, ever=True).trouble(104.0)
     assert said == "contact/ring/force: silent since 4 s, published by /contact_state"
     assert source(Need.OPTIONAL).trouble(104.0) == ""
+
+
+def test_what_is_published_and_needed_and_never_comes_is_subscribed_to_anew_ever_more_seldom():
+    found = source()
+    assert not found.is_deaf(100.0 + PATIENCE) and found.is_deaf(100.1 + PATIENCE)
+    found.renew(105.1)
+    assert not found.is_deaf(105.1 + 2 * PATIENCE) and found.is_deaf(105.2 + 2 * PATIENCE)
+    found.take(120.0)
+    assert not found.is_deaf(999.0)
+    found.need = Need.ALWAYS
+    assert found.is_deaf(120.1 + PATIENCE)
+
+
+@pytest.mark.parametrize("other", [
+    source(Need.OPTIONAL), source(publishers=[]), source(publishers=[("/pad", TEXT)]),
+])  # fmt: skip
+def test_nothing_is_subscribed_to_anew_that_nobody_publishes_or_needs(other):
+    assert not other.is_deaf(999.0)
+
+
+def test_what_is_refused_was_heard():
+    found = source()
+    found.refuse("negative", 104.0)
+    assert not found.is_deaf(104.0 + PATIENCE)
 
 
 def test_what_is_refused_says_why_until_a_message_is_used():
