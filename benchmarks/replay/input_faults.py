@@ -172,7 +172,7 @@ INPUT_FAULTS = (
     StreamFault("pose_moved_5cm", _moved(0.05, 0.0, 0.0)),
     StreamFault("pose_moved_1m", _moved(0.0, 1.0, 0.0)),
     StreamFault("pose_noise_1cm", _noisy(0.01, slice(3), "object")),
-    StreamFault("pose_rounded_1mm", numbers(_rounded, **_OBJECT)),
+    StreamFault("pose_rounded_1mm", numbers(_rounded, **_OBJECT), lossless=True),
     StreamFault("pose_10hz", thinned(lambda n: n % 10 == 0, **_OBJECT)),
     StreamFault("pose_half_lost", thinned(lambda n: n % 2 == 0, **_OBJECT)),
     StreamFault("pose_silent", silent(**_OBJECT)),

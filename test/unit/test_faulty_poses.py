@@ -198,6 +198,14 @@ def test_a_recording_leaves_lost_poses_out(clean):
     assert len(read.time) == 800 and log["p: pose lost by its tracker (dropped)"] == 200
 
 
+def test_poses_that_are_left_out_are_counted():
+    estimator = IncrementalInertialEstimator()
+    for k in range(1000):
+        if k < 400 or k % 2:
+            estimator.add_pose(0.01 * k, np.eye(4), HONEST)
+    assert estimator.problems["pose missing"] == 300
+
+
 def test_what_was_counted_outlasts_a_reset():
     estimator = IncrementalInertialEstimator()
     for _ in range(2):

@@ -170,6 +170,7 @@ class SampleStream:
         elif self._jumps(time, position, rotation, noise):
             self.problems["pose jumps"] += 1
             self._begin_stretch()
+        self._count_missing_poses(step)
         self._count_repeated_pose(position, rotation)
         self._poses.append(
             {
@@ -332,6 +333,14 @@ class SampleStream:
         )
         std = np.sqrt(np.sum(noise.factors**2, axis=(1, 2)))
         return jumps(times, places, turns, std if noise.stated else ASSUMED_STD)
+
+    def _count_missing_poses(self, step: float) -> None:
+        """Count the poses that a stretch's period leads to expect before one that comes late."""
+        layout = self._layouts[-1] if self._layouts else None
+        if layout is not None and layout.start == self._stretch_start:
+            missing = round(step / layout.period) - 1
+            if missing > 0:
+                self.problems["pose missing"] += missing
 
     def _count_repeated_pose(self, position: Array, rotation: Array) -> None:
         end = self._poses.end
