@@ -80,7 +80,6 @@ class Player:
 
     Attributes:
         heard: all that the nodes published.
-        position: time of the replay, s: when the last message sent was due.
         epoch_ns: added to the stamps of the messages.
         patience: longest wait for the estimator's next word, s.
     """
@@ -92,7 +91,7 @@ class Player:
         logs: Path | None = None,
     ) -> None:
         self.names, self.parameters = tuple(nodes), dict(parameters or {})
-        self.heard, self.position = Observations(), 0.0
+        self.heard, self._sent_due, self._next_due, self._speed = Observations(), 0.0, 0.0, 1.0
         self.epoch_ns = time.time_ns() // NANOSECONDS * NANOSECONDS
         self.supervisor = Supervisor(logs, respawn=False)
         self._publishers: dict[tuple[str, str], Publisher] = {}
@@ -171,6 +170,12 @@ class Player:
                 found[name] = sum(p.memory_info().rss for p in family) / 2**20
         return found
 
+    @property
+    def position(self) -> float:
+        """Time of the replay, s: between those at which the last and the next message are due."""
+        passed = self._speed * (time.monotonic() - self._sent_at)
+        return max(self._sent_due, min(self._sent_due + passed, self._next_due))
+
     def play(
         self,
         messages: Iterable[Message],
@@ -191,6 +196,7 @@ class Player:
         for bunch in _bunches(messages, BUNCH * min(speed, FASTEST)):
             start = bunch[0].due / speed
             behind = time.monotonic() - start if behind is None else behind
+            self._next_due, self._speed = bunch[0].due, speed
             self.listen_until(behind + start)
             behind += self._let_catch_up()
             for message in bunch:
@@ -203,7 +209,7 @@ class Player:
                 behind += time.monotonic() - began
 
     def _note_sent(self, bunch: Sequence[Message]) -> None:
-        self.position, self._sent_at = bunch[-1].due, time.monotonic()
+        self._sent_due, self._sent_at = bunch[-1].due, time.monotonic()
         poses = [m for m in bunch if m.topic == OBJECT_POSE and not m.absolute and not m.sender]
         if poses:
             self._sent = 1e-9 * (poses[-1].stamp_ns + self.epoch_ns)

@@ -85,6 +85,7 @@ class Listening:
         skim: while the node skims, only so many of those taken together are handed over; 0: all.
         numbers: of the messages, where two publishers at once are left out.
         through: the participant of the subscription, where it is not that of the node.
+        spare: one through yet another participant, until either hears something.
     """
 
     subscribe: Callable[[SecondParticipant], Subscription]
@@ -93,6 +94,12 @@ class Listening:
     skim: int
     numbers: Numbers | None
     through: SecondParticipant | None = None
+    spare: tuple[Subscription, SecondParticipant] | None = None
+
+    @property
+    def subscriptions(self) -> list[Subscription]:
+        """Those that may bring messages."""
+        return [self.subscription, *([self.spare[0]] if self.spare else [])]
 
 
 @dataclass
@@ -152,7 +159,8 @@ class Shell(AnsweringNode):
     def destroy_node(self) -> None:
         """Leave DDS; a node that has more to end does so before."""
         self.work_done()
-        self._close_participants()
+        for other in self._participants:
+            other.close()
         super().destroy_node()
 
     def work(self) -> None:
@@ -194,21 +202,29 @@ class Shell(AnsweringNode):
             self.faults.add("subscribed_anew", f"{one.source.topic}: published and not heard")
         with suppress(RuntimeError):  # of rclpy, such as security that asks for an enclave
             other = SecondParticipant(self)
-            for one in deaf:
-                _ = self.destroy_subscription(one.subscription) or one.subscription.destroy()
-                one.subscription, one.through = one.subscribe(other), other
             self._participants.append(other)
-        self._close_participants(but=[one.through for one in self.listening])
+            for one in deaf:
+                self._drop(one.spare[0] if one.spare else None)
+                one.spare = one.subscribe(other), other
+        self._close_participants()
 
-    def _close_participants(self, but: Sequence[SecondParticipant | None] = ()) -> None:
-        for other in self._participants:
-            if other not in but:
-                other.close()
-        self._participants = [other for other in self._participants if other in but]
+    def _drop(self, subscription: Subscription | None) -> None:
+        if subscription is not None and not self.destroy_subscription(subscription):
+            subscription.destroy()
+
+    def _close_participants(self) -> None:
+        """Leave DDS with those through which nothing is listened to."""
+        used = [one.through for one in self.listening]
+        used += [one.spare[1] for one in self.listening if one.spare]
+        for other in [other for other in self._participants if other not in used]:
+            self._participants.remove(other)
+            other.close()
 
     def _take(self, one: Listening) -> list[Taken]:
         """Return the messages that wait; none of a topic on which two publish at once."""
         taken, source = take_messages(one.subscription, self._undecodable), one.source
+        if one.spare:
+            taken = self._take_spare(one, taken)
         if one.numbers is None or not taken:
             return taken
         now = time.monotonic()
@@ -222,6 +238,19 @@ class Shell(AnsweringNode):
             f"{len(taken)} messages left out, stop one of them",
         )
         return []
+
+    def _take_spare(self, one: Listening, taken: list[Taken]) -> list[Taken]:
+        """Keep the subscription that hears something, and drop the other."""
+        assert one.spare
+        spare, other = one.spare
+        found = taken or take_messages(spare, self._undecodable)
+        if found:
+            if not taken:
+                spare, one.subscription, one.through = one.subscription, spare, other
+            one.spare = None
+            self._drop(spare)
+            self._close_participants()
+        return found
 
     def _undecodable(self, topic: str, error: Exception) -> None:
         self.faults.add("undecodable", f"{topic}: message cannot be read: {error}")
@@ -366,7 +395,7 @@ def spin(node: Shell, stop: Callable[[], bool]) -> None:
     """
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    waiter = Waiter(node, lambda: [one.subscription for one in node.listening])
+    waiter = Waiter(node, lambda: [each for one in node.listening for each in one.subscriptions])
     service = time.monotonic()
     while not stop():
         requested = waiter.wait(min(node.idle_time(), service - time.monotonic()))
