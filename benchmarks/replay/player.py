@@ -181,6 +181,7 @@ class Player:
         messages: Iterable[Message],
         speed: float = 1.0,
         tick: Callable[[], None] | None = None,
+        begin: float | None = None,
     ) -> None:
         """Send messages when they are due, and hear what comes meanwhile.
 
@@ -190,8 +191,9 @@ class Player:
             messages: in the order in which they are due.
             speed: 1 is real time, 2 twice as fast; infinity as fast as the nodes take it.
             tick: called after each bunch, some ten milliseconds apart; the replay waits for it.
+            begin: s, time of the replay that it is now; that of the first message by default.
         """
-        behind: float | None = None
+        behind = None if begin is None else time.monotonic() - begin / speed
         self._last_word = time.monotonic()
         for bunch in _bunches(messages, BUNCH * min(speed, FASTEST)):
             start = bunch[0].due / speed

@@ -109,7 +109,7 @@ class Rig:
         start = self.now
         stop = start + self.seconds + (self.lead if fault.whole else 0.0)
         messages = self.record(stop + self.recovery - start)
-        self.play(fault.inject(messages, start, stop))
+        self.play(fault.inject(messages, start, stop), begin=start)
         self.player.dismiss(RIVAL)
         self.player.epoch_ns += fault.shift_ns
         self._recover(stop)
@@ -190,9 +190,14 @@ class Rig:
         start, self.now = self.now, self.now + seconds
         return messages_of(record_motion(start, self.now, pace=PACE))
 
-    def play(self, messages: list[Message], tick: Callable[[], None] | None = None) -> None:
+    def play(
+        self,
+        messages: list[Message],
+        tick: Callable[[], None] | None = None,
+        begin: float | None = None,
+    ) -> None:
         """Send messages, and let the nodes finish."""
-        self.player.play(messages, self.speed, tick)
+        self.player.play(messages, self.speed, tick, begin)
         self.player.listen_until(time.monotonic() + LAST_WORDS)
 
     def judge(self, name: str, begun: float, start: float, stop: float) -> Row:

@@ -11,9 +11,10 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from tactile_dynamics_ros.ros.diagnostics import status_message
 from tactile_dynamics_ros.ros.names import OBJECT_FOOTPRINT, OBJECT_POSE, PUSHER_POSE
 
-SILENT = 1.5
+SILENT = 1.3
 """Wall time without a message after which an input counts as silent, s. Streams of 1 Hz still
-count as coming, and a status says within two seconds that nothing comes. Less would take a busy
+count as coming, and a status says within two seconds that nothing comes, since messages are put in
+order and looked at for up to 0.6 s. Less would take a busy
 machine's pauses for silence, more would leave a status OK for longer."""
 
 REPEAT = 1.0

@@ -48,7 +48,7 @@ CALLBACKS = 5
 """Callbacks of the executor served in a row before streams are looked at again: parameters, timers,
 answers whose work was done in the background."""
 LOOK = 0.25
-"""Real time between looks at what the inputs lack, s: silence is said within two seconds, 1.5 of
+"""Real time between looks at what the inputs lack, s: silence is said within two seconds, 1.3 of
 which make it silence. More often costs questions to the middleware, more seldom is later."""
 
 LATCHED = QoSProfile(
