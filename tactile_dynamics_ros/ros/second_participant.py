@@ -8,6 +8,7 @@ anew. Another participant of the same process does.
 from __future__ import annotations
 
 from collections.abc import Callable
+from threading import Thread
 from typing import Any
 
 import rclpy
@@ -49,7 +50,12 @@ class SecondParticipant:
         """Subscribe to a topic by its whole name."""
         return self._node.create_subscription(kind, topic, callback, profile, raw=raw)
 
-    def close(self) -> None:
-        """Leave DDS."""
+    def close(self) -> Thread:
+        """Leave DDS, in the background: it may take long, and now and then does not end."""
+        leaving = Thread(target=self._leave, daemon=True)
+        leaving.start()
+        return leaving
+
+    def _leave(self) -> None:
         self._node.destroy_node()
         self._context.try_shutdown()

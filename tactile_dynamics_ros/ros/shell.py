@@ -159,8 +159,8 @@ class Shell(AnsweringNode):
     def destroy_node(self) -> None:
         """Leave DDS; a node that has more to end does so before."""
         self.work_done()
-        for other in self._participants:
-            other.close()
+        for leaving in [other.close() for other in self._participants]:
+            leaving.join(LONGEST_CALLBACK)
         super().destroy_node()
 
     def work(self) -> None:
