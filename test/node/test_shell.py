@@ -82,7 +82,7 @@ def test_what_is_published_and_not_heard_is_listened_to_through_another_particip
         return {"heard", "missed"} <= set(read)
 
     bench.until(both_are_heard)
-    assert node.faults.counts["subscribed_anew"] == 1
+    assert node.faults.counts["subscribed_anew"] >= 1
     assert [one.through is None for one in node.listening] == [True, False]
 
 
