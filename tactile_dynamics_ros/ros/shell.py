@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from operator import itemgetter
-from typing import Any, NamedTuple
+from typing import Any
 
 import rclpy
 from rclpy.callback_groups import CallbackGroup
@@ -25,8 +25,9 @@ from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
 from tactile_dynamics_ros.ros.arguments import start_ros
 from tactile_dynamics_ros.ros.background import abandon_all
 from tactile_dynamics_ros.ros.diagnostics import Faults
-from tactile_dynamics_ros.ros.inputs import RIVAL_SPAN, Input, Inputs, Need, Numbers
+from tactile_dynamics_ros.ros.inputs import RIVAL_SPAN, Inputs, Need, Numbers
 from tactile_dynamics_ros.ros.introduction import introduce
+from tactile_dynamics_ros.ros.listening import Listening, Taken, take_messages
 from tactile_dynamics_ros.ros.parameters import AnsweringNode, refuse_unknown
 from tactile_dynamics_ros.ros.second_participant import SecondParticipant
 from tactile_dynamics_ros.ros.serving import REQUESTS, Served
@@ -39,8 +40,6 @@ STREAM = QoSProfile(depth=500, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 SERVICE_PERIOD = 0.3
 """Real time after which the executor is asked even if no request has come, s."""
-BURST = 1000
-"""Messages of one subscription taken at a time: more than may wait, so that none is left over."""
 LONGEST_CALLBACK = 1.0
 """Real time from a request to stop until a callback that still runs is left, s: callbacks take
 milliseconds, a plan of pushes more; 1.5 s remain to write files and to end."""
@@ -72,34 +71,6 @@ class Polled(CallbackGroup):
 
     def ending_execution(self, entity: Any) -> None:
         """Do nothing."""
-
-
-@dataclass
-class Listening:
-    """One topic that a node listens to.
-
-    Attributes:
-        subscribe: makes a subscription through another participant.
-        subscription: that counts now.
-        source: what comes on it.
-        skim: while the node skims, only so many of those taken together are handed over; 0: all.
-        numbers: of the messages, where two publishers at once are left out.
-        through: the participant of the subscription, where it is not that of the node.
-        spare: one through yet another participant, until either hears something.
-    """
-
-    subscribe: Callable[[SecondParticipant], Subscription]
-    subscription: Subscription
-    source: Input
-    skim: int
-    numbers: Numbers | None
-    through: SecondParticipant | None = None
-    spare: tuple[Subscription, SecondParticipant] | None = None
-
-    @property
-    def subscriptions(self) -> list[Subscription]:
-        """Those that may bring messages."""
-        return [self.subscription, *([self.spare[0]] if self.spare else [])]
 
 
 @dataclass
@@ -343,47 +314,6 @@ class Shell(AnsweringNode):
             Trigger, name, answer, qos_profile=REQUESTS, callback_group=self._polled_group
         )
         self._served.append(Served(service))
-
-
-class Taken(NamedTuple):
-    """A message and what the middleware tells of it.
-
-    Attributes:
-        message: or its bytes.
-        number: that its publisher gave it; None if the middleware does not tell.
-        received: when it came, ns.
-    """
-
-    message: Any
-    number: int | None
-    received: int
-
-
-def take_messages(
-    subscription: Subscription,
-    refuse: Callable[[str, Exception], None] = lambda *_: None,
-) -> list[Taken]:
-    """Return the messages that wait, the oldest first.
-
-    Args:
-        subscription: to take from.
-        refuse: called with the topic of each message that the middleware cannot read.
-    """
-    taken: list[Taken] = []
-    handle = subscription.handle
-    with handle:
-        for _ in range(BURST):
-            try:
-                found = handle.take_message(subscription.msg_type, subscription.raw)
-            except (RuntimeError, ValueError) as error:
-                refuse(subscription.topic_name, error)
-                continue
-            if found is None:
-                break
-            message, told = found
-            number, received = told["publication_sequence_number"], told["received_timestamp"]
-            taken.append(Taken(message, number, received))
-    return taken
 
 
 def spin(node: Shell, stop: Callable[[], bool]) -> None:

@@ -26,6 +26,7 @@ from visualization_msgs.msg import MarkerArray
 from tactile_dynamics_ros.core.rigid_body.rotation import quaternion_to_matrix
 from tactile_dynamics_ros.ros.conversions import to_seconds
 from tactile_dynamics_ros.ros.inertia_status import read_inertia_status
+from tactile_dynamics_ros.ros.listening import take_messages
 from tactile_dynamics_ros.ros.names import (
     CAMERA_TARGET,
     ESTIMATOR_STATUS,
@@ -42,7 +43,7 @@ from tactile_dynamics_ros.ros.names import (
     ROBOT_DESCRIPTION,
     link_topic,
 )
-from tactile_dynamics_ros.ros.shell import LATCHED, Polled, take_messages
+from tactile_dynamics_ros.ros.shell import LATCHED, Polled
 from tactile_dynamics_ros.ros.status_reader import Statuses
 from tactile_dynamics_ros.view.state import Body, Force, Quantity, State
 from tactile_dynamics_ros.view.told import (

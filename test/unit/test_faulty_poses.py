@@ -145,7 +145,7 @@ MOVED = {
 
 @pytest.mark.parametrize("kind", MOVED)
 def test_poses_that_jump_and_return_leave_the_estimate_right(clean, kind):
-    change, jumps = MOVED[kind]
+    change, count = MOVED[kind]
     pose, during = clean.pose, pose_span(clean, 5.0, 7.0)
     places = np.where(during[:, None], change(pose.position), pose.position)
     estimator = IncrementalInertialEstimator()
@@ -153,7 +153,7 @@ def test_poses_that_jump_and_return_leave_the_estimate_right(clean, kind):
     at_ok = [e for e in found if judge_estimate(e, estimator.obstacles, "").level is Level.OK]
     assert at_ok[-1].time > 9.5
     assert max(map(distance, at_ok)) < 4.0
-    assert estimator.problems == {"pose jumps": jumps}
+    assert estimator.problems == {"pose jumps": count}
 
 
 FORCES = {"half": (0.5, 0.0), "off": (1.0, 1.0), "heavier": (1.18, 0.0)}
