@@ -18,9 +18,10 @@ from tactile_dynamics_ros.core.inertia.live.replay import replay_streams
 from tactile_dynamics_ros.core.inertia.residuals.systematic import (
     SYSTEMATIC_SIZE,
     PresumedErrors,
-    sensor_gain_basis,
+    lasting_basis,
     systematic_basis,
     systematic_variances,
+    with_gains,
 )
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 
@@ -108,7 +109,8 @@ def test_axes_that_a_sensor_mixes_are_covered():
 
 
 def test_no_information_gives_no_variance():
-    assert not systematic_variances(np.zeros((9, 9)), np.zeros(9)).any()
+    [(weight, variances)] = systematic_variances(np.zeros((9, 9)), np.zeros(9))
+    assert weight == 1.0 and not variances.any()
 
 
 @pytest.mark.parametrize("box, seed", [("box_0", 300), ("box_0", 305), ("box_2", 300)])
@@ -138,13 +140,15 @@ def test_an_only_sensor_has_no_gain_to_presume():
     contact_fields = [field.name for field in fields(four) if field.name.startswith("contact_")]
     alone = replace(four, **{name: getattr(four, name)[:, :1] for name in contact_fields[1:]})
     alone = replace(alone, contact_names=four.contact_names[:1], in_contact=four.in_contact[:, :1])
-    gains = sensor_gain_basis(four)
+    basis = lasting_basis(four, 0.05)
+    gains = (basis @ with_gains(basis.shape[2]))[:, :, SYSTEMATIC_SIZE:]
     assert gains.shape == (len(four.time), 6, 40)
     whole = gains[:, :, :4].sum(axis=2)
     assert np.allclose(whole, four.measured_wrench)
     mixed = gains[:, :, 4:].reshape(len(four.time), 6, 4, 3, 3)
     assert np.allclose(np.trace(mixed, axis1=3, axis2=4), gains[:, :, :4])
-    assert sensor_gain_basis(alone).shape == (len(four.time), 6, 0)
+    assert lasting_basis(alone, 0.05).shape == (len(four.time), 6, SYSTEMATIC_SIZE)
+    assert with_gains(SYSTEMATIC_SIZE).shape == (SYSTEMATIC_SIZE, SYSTEMATIC_SIZE)
 
 
 def with_a_finger_off(case):

@@ -87,7 +87,10 @@ class StreamWhitener:
 
 
 class DelayedSubstitution:
-    """Forward substitution for columns that become known later, with rows of L that were kept."""
+    """Forward substitution for columns that become known later, with rows of L that were kept.
+
+    Rows may have more columns than those before, which then had zeros in them.
+    """
 
     def __init__(self, bandwidth: int, columns: int) -> None:
         """Start without memory; see `StreamWhitener`."""
@@ -95,11 +98,15 @@ class DelayedSubstitution:
 
     def whiten(self, factor_row: Array, values: Array) -> Array:
         """Whiten the next block row, (6, m), without remembering it."""
-        known = values - factor_row[:, :-BLOCK] @ self._white
+        missing = values.shape[1] - self._white.shape[1]
+        if missing > 0:
+            self._white = np.pad(self._white, ((0, 0), (0, missing)))
+        known = values - factor_row[:, :-BLOCK] @ self._white[:, : values.shape[1]]
         white, _ = lapack.dtrtrs(factor_row[:, -BLOCK:], known, lower=1)
         return np.asarray(white)
 
     def remember(self, white: Array) -> None:
-        """Make whitened columns (6, m) part of the memory."""
+        """Make whitened columns (6, m) part of the memory, the rest of them zero."""
         self._white[:-BLOCK] = self._white[BLOCK:].copy()
-        self._white[-BLOCK:] = white
+        self._white[-BLOCK:] = 0.0
+        self._white[-BLOCK:, : white.shape[1]] = white

@@ -32,9 +32,9 @@ from tactile_dynamics_ros.core.inertia.residuals.newton_euler_residual import (
 from tactile_dynamics_ros.core.inertia.residuals.rigid_grasp import displacement_jacobian
 from tactile_dynamics_ros.core.inertia.residuals.systematic import (
     PresumedErrors,
-    sensor_gain_basis,
-    systematic_basis,
+    lasting_basis,
     systematic_lever,
+    with_gains,
 )
 from tactile_dynamics_ros.core.numerics.regime import split_label
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
@@ -271,11 +271,8 @@ class FittedModel:
     def white_lasting_errors(self) -> Array:
         """(6 N, 9 + 10 C) white wrenches of presumed lasting errors, see `systematic`."""
         lever = systematic_lever(self.samples[0])
-        bases = [
-            np.concatenate([systematic_basis(s.rotation, lever), sensor_gain_basis(s)], axis=2)
-            for s in self.samples
-        ]
-        return whiten_stretches(self.stretches, bases)
+        white = whiten_stretches(self.stretches, [lasting_basis(s, lever) for s in self.samples])
+        return np.asarray(white @ with_gains(white.shape[1]))
 
     @property
     def samples(self) -> tuple[WrenchSamples, ...]:

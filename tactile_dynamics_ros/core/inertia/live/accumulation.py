@@ -213,7 +213,7 @@ class Accumulation:
         return self.lasting.presume(self.phi, inverse, known.excited, load)
 
     def corrected(self, errors: Array) -> Array:
-        """Coordinates xi (10,) of the estimate without these lasting errors (9,)."""
+        """Coordinates xi (10,) of the estimate without these lasting errors (q,)."""
         assert self.solver is not None
         factor = self.information.factor
         target = self.information.target + self.lasting.in_target(errors, factor)
@@ -266,7 +266,7 @@ class Accumulation:
             root = np.sqrt(weight)
             self.information.add(root * rows.jacobian, root * rows.target, 1.0 / rows.noise_ratio)
             self.noise_information += weight * rows.noise.T @ rows.noise
-            self.lasting.add(root * rows.jacobian, root * rows.target, root * rows.systematic)
+            self.lasting.add(root * rows.jacobian, root * rows.target, root * rows.lasting)
             self.scores.add(root * rows.jacobian, root * rows.target)
             self.samples += 1
             gain = 1.0 / min(self.samples, _ERROR_SAMPLES)

@@ -9,7 +9,11 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 from scipy.special import chdtri
 
-from tactile_dynamics_ros.core.inertia.residuals.systematic import SYSTEMATIC_SIZE, PresumedErrors
+from tactile_dynamics_ros.core.inertia.residuals.systematic import (
+    SYSTEMATIC_SIZE,
+    PresumedErrors,
+    with_gains,
+)
 
 Array = NDArray[np.float64]
 
@@ -154,12 +158,18 @@ class LastingErrors:
         self._target = np.zeros(SYSTEMATIC_SIZE)
 
     def add(self, jacobian: Array, target: Array, basis: Array) -> None:
-        """Add one sample's white rows J (6, n), t (6,) and B (6, 9)."""
+        """Add one sample's white rows J (6, n), t (6,) and B (6, 9 + 9 C)."""
+        missing = basis.shape[1] - len(self._target)
+        if missing > 0:
+            self._cross = np.pad(self._cross, ((0, 0), (0, missing)))
+            self._gram = np.pad(self._gram, (0, missing))
+            self._target = np.pad(self._target, (0, missing))
         self._hessian += jacobian.T @ jacobian
         self._gradient += jacobian.T @ target
-        self._cross += jacobian.T @ basis
-        self._gram += basis.T @ basis
-        self._target += basis.T @ target
+        held = slice(basis.shape[1])
+        self._cross[:, held] += jacobian.T @ basis
+        self._gram[held, held] += basis.T @ basis
+        self._target[held] += basis.T @ target
 
     def presume(self, state: Array, inverse: Array, mapping: Array, load: float) -> PresumedErrors:
         """Find what lasting errors do to an estimate in other coordinates.
@@ -170,14 +180,16 @@ class LastingErrors:
             mapping: (n, n) derivative of the state by these.
             load: weight of the body, N.
         """
+        errors = with_gains(len(self._target))
         remaining = mapping.T @ (self._gradient - self._hessian @ state)
-        cross = mapping.T @ self._cross
-        score = self._cross.T @ state - self._target + cross.T @ (inverse @ remaining)
-        return PresumedErrors.find(inverse, cross, self._gram, score, load)
+        cross = mapping.T @ self._cross @ errors
+        score = errors.T @ (self._cross.T @ state - self._target) + cross.T @ (inverse @ remaining)
+        return PresumedErrors.find(inverse, cross, errors.T @ self._gram @ errors, score, load)
 
     def in_target(self, errors: Array, factor: Array) -> Array:
-        """What errors (9,) add to the target d of the summary |R x - d|^2; R is `factor`."""
-        return np.asarray(np.linalg.lstsq(factor.T, self._cross @ errors, rcond=None)[0])
+        """What the constant ones of errors (q,) add to the target d of |R x - d|^2, R `factor`."""
+        shift = self._cross[:, :SYSTEMATIC_SIZE] @ errors[:SYSTEMATIC_SIZE]
+        return np.asarray(np.linalg.lstsq(factor.T, shift, rcond=None)[0])
 
 
 def positive_part(information: Array, scale: Array) -> Array:

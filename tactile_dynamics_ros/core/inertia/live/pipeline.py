@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.inertia.live.config import IncrementalConfig
 from tactile_dynamics_ros.core.inertia.live.judge import Judge
 from tactile_dynamics_ros.core.inertia.live.residuals import (
+    ContactRows,
     DenoisedMotion,
     ResidualBatch,
     linearise_residuals,
 )
 from tactile_dynamics_ros.core.inertia.live.sample_stream import Layout, SampleStream
-from tactile_dynamics_ros.core.inertia.residuals.systematic import SYSTEMATIC_SIZE, systematic_basis
+from tactile_dynamics_ros.core.inertia.residuals.balanced_forces import balance_contacts
+from tactile_dynamics_ros.core.inertia.residuals.systematic import lasting_basis
 from tactile_dynamics_ros.core.numerics.banded import VARIANCE_FLOOR
 from tactile_dynamics_ros.core.numerics.decorrelation import Decorrelator
 from tactile_dynamics_ros.core.numerics.stream_whitening import (
@@ -29,9 +31,9 @@ Array = NDArray[np.float64]
 _SIZE = 10
 """Number of dynamic parameters: mass, first moments (3) and second moments (6) of one rigid body;
 fixed by mechanics."""
-_COLUMNS = 2 * _SIZE + SYSTEMATIC_SIZE + 1
-"""Columns of the final rows: Jacobian, a draw of its noise, presumed errors, target. It follows
-from these four; another one would shift targets into errors."""
+_COLUMNS = 2 * _SIZE + 1
+"""Columns of the final rows before the presumed errors: Jacobian, a draw of its noise, target. It
+follows from these three; another one would shift targets into errors."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,7 @@ class WhiteRows:
         time: s.
         jacobian: (6, 10) by phi; target: (6,).
         noise: (6, 10) a draw of the noise that J carries.
-        systematic: (6, 9) presumed errors that last, see `systematic_basis`.
+        lasting: (6, 9 + 9 C) presumed errors that last, see `systematic.lasting_basis`.
         weight: share of it that is believed, 0 to 1.
         noise_ratio: its variance over the stated one, see `Judge.noise`.
         residual: (6,) unwhitened, at the phi of its time.
@@ -52,7 +54,7 @@ class WhiteRows:
     jacobian: Array
     target: Array
     noise: Array
-    systematic: Array
+    lasting: Array
     weight: float
     noise_ratio: float
     residual: Array
@@ -63,6 +65,7 @@ class _Record:
     """A sample between the two stages."""
 
     motion: DenoisedMotion
+    contacts: ContactRows
     residual: Array
     phi: Array
     factor_row: Array
@@ -118,15 +121,21 @@ class WhiteningPipeline:
         complete: list[tuple[_Record, Array] | None] = []
         for k in range(last - first):
             if usable[k]:
-                self._judge_row(batch, k, phi, covariance, bool(doubtful[k]))
+                self._judge_row(batch, contacts, k, phi, covariance, bool(doubtful[k]))
             else:
                 self._whitener.skip()
                 self._decorrelator.skip()
             complete.append(self._centre())
-        yield from self._finish(complete)
+        yield from self._finish(complete, phi)
 
     def _judge_row(
-        self, batch: ResidualBatch, k: int, phi: Array, covariance: Array, doubtful: bool
+        self,
+        batch: ResidualBatch,
+        contacts: ContactRows,
+        k: int,
+        phi: Array,
+        covariance: Array,
+        doubtful: bool,
     ) -> None:
         own, noise = batch.contact_covariance[k], batch.pose_noise[k]
         drawn = batch.draw[k] + np.linalg.cholesky(
@@ -141,7 +150,13 @@ class WhiteningPipeline:
         white[:, -1] *= weight
         self._whitener.commit(noise, row, white)
         record = _Record(
-            batch.motion.row(k), batch.residual[k], phi, row, weight, self._judge.noise
+            batch.motion.row(k),
+            contacts.row(k),
+            batch.residual[k],
+            phi,
+            row,
+            weight,
+            self._judge.noise,
         )
         self._decorrelator.push(noise, row, white[:, :-3:-1], record)
 
@@ -152,39 +167,49 @@ class WhiteningPipeline:
             return None
         return record, self._decorrelator.correction(record.motion.response[0])
 
-    def _finish(self, complete: list[tuple[_Record, Array] | None]) -> Iterator[WhiteRows]:
+    def _finish(
+        self, complete: list[tuple[_Record, Array] | None], phi: Array
+    ) -> Iterator[WhiteRows]:
         """Final regressors of the centre rows, whitened with the rows of L kept."""
         found = [item for item in complete if item is not None]
-        columns = iter(self._final_columns(found) if found else ())
+        columns = iter(self._final_columns(found, phi) if found else ())
         for item in complete:
             if item is None:
                 self._substitution.remember(np.zeros((6, _COLUMNS)))
             else:
                 yield self._white_rows(item[0], next(columns))
 
-    def _final_columns(self, found: list[tuple[_Record, Array]]) -> Array:
-        """Jacobians at the corrected motion, draws of their noise, presumed errors."""
+    def _final_columns(self, found: list[tuple[_Record, Array]], phi: Array) -> Array:
+        """Jacobians at the corrected motion, draws of their noise, targets, presumed errors.
+
+        The errors are those of forces that balance the model, so that noise is not taken for load.
+        """
         corrections = np.stack([correction for _, correction in found])
         motion = DenoisedMotion.stack([record.motion for record, _ in found])
         denoised = motion.corrected(corrections[:, 0])
         noisy = denoised.corrected(motion.draw + corrections[:, 1])
         jacobian, disturbed = np.split(DenoisedMotion.stack([denoised, noisy]).regressor(), 2)
-        lasting = systematic_basis(denoised.rotation, self._lever)
-        return np.concatenate([jacobian, disturbed - jacobian, lasting], axis=2)
+        assumed = np.stack([record.phi for record, _ in found])
+        residual = np.stack([record.residual for record, _ in found])
+        samples = denoised.samples(ContactRows.stack([record.contacts for record, _ in found]))
+        balanced = balance_contacts(samples, jacobian @ phi - samples.measured_wrench)
+        lasting = lasting_basis(balanced, self._lever)
+        target = (jacobian @ assumed[..., None])[..., 0] - residual
+        return np.concatenate([jacobian, disturbed - jacobian, target[..., None], lasting], axis=2)
 
     def _white_rows(self, record: _Record, columns: Array) -> WhiteRows:
-        target = columns[:, :_SIZE] @ record.phi - record.residual
-        white = self._substitution.whiten(record.factor_row, np.column_stack([columns, target]))
+        white = self._substitution.whiten(record.factor_row, columns)
+        jacobian, noise, known, lasting = np.split(white, [_SIZE, 2 * _SIZE, _COLUMNS], axis=1)
         remembered = white.copy()
-        predicted = white[:, :_SIZE] @ record.phi
-        remembered[:, -1] += (1.0 - record.weight) * (predicted - white[:, -1])
+        predicted = jacobian @ record.phi
+        remembered[:, _COLUMNS - 1] += (1.0 - record.weight) * (predicted - known[:, 0])
         self._substitution.remember(remembered)
         return WhiteRows(
             float(record.motion.time[0]),
-            white[:, :_SIZE],
-            white[:, -1],
-            white[:, _SIZE : 2 * _SIZE],
-            white[:, 2 * _SIZE : -1],
+            jacobian,
+            known[:, 0],
+            noise,
+            lasting,
             record.weight,
             record.noise_ratio,
             record.residual,

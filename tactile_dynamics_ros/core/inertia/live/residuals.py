@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +42,10 @@ class PoseWindows:
     short: int
 
 
+_BY_SAMPLE = ("point", "rotation", "force", "torque", "std", "in_contact")
+"""Fields of `ContactRows` with a row for each sample, no number."""
+
+
 @dataclass(frozen=True)
 class ContactRows:
     """B samples of C contacts, world axes (see `ContactReading`); absent contacts are zero.
@@ -57,6 +62,27 @@ class ContactRows:
     in_contact: NDArray[np.bool_]
     torque_std: Array
     point_std: Array
+
+    def row(self, k: int) -> ContactRows:
+        """Sample k alone."""
+        parts: dict[str, Any] = {name: getattr(self, name)[k : k + 1] for name in _BY_SAMPLE}
+        return replace(self, **parts)
+
+    @staticmethod
+    def stack(rows: Sequence[ContactRows]) -> ContactRows:
+        """Join samples; later ones may have contacts that earlier ones had not, then absent."""
+        last = rows[-1]
+        count = len(last.names)
+
+        def joined(name: str) -> Any:
+            parts = [getattr(row, name) for row in rows]
+            missing = [count - part.shape[1] for part in parts]
+            if any(missing):
+                pads = [((0, 0), (0, m)) + ((0, 0),) * (parts[0].ndim - 2) for m in missing]
+                parts = [np.pad(part, pad) for part, pad in zip(parts, pads, strict=True)]
+            return np.concatenate(parts)
+
+        return replace(last, **{name: joined(name) for name in _BY_SAMPLE})
 
 
 @dataclass(frozen=True)

@@ -8,14 +8,17 @@ the residuals most likely. On data that the model fits, they are zero.
 A reported estimate is corrected by the constant wrench of the sensors, to which a small share of
 the load is granted beforehand: residuals are correlated, and much that is not modelled, such as
 fingertips that give way to inertial forces, looks a little like it. What all presumed errors would
-shift the parameters by is added to the covariance, as if nothing had been corrected. A gain that
+shift the parameters by is added to the covariance, as if nothing had been corrected; explanations
+that the data do not tell apart count by their probability. A gain that
 all sensors share leaves no trace: only how much they differ says how far they may be off together.
 The live estimate presumes the constant errors only, since more would cost it too much.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,6 +60,10 @@ _SMALLEST_LEVER = 0.01
 """Lever, m, that presumed torques have at least: contacts that all lie at the body's origin would
 leave none. Contacts around an object are farther apart, so that it hardly acts. Larger presumes too
 large errors of torque for a small grasp; at zero a sensor at the origin has a basis of zeros."""
+_IMPROBABLE = 0.01
+"""Probability, over that of the most probable explanation, below which one is left out: it would
+have added a hundredth of the variance that it leaves. A tenth leaves out what may well
+hold, a thousandth costs time."""
 _ROUNDS = 2
 """Times that the variances of all kinds of errors are sought in turn. The second sees what the
 others explain: with one round intervals of a recording with a hidden drag were as little as a third
@@ -97,16 +104,12 @@ def systematic_basis(rotation: Array, lever: float) -> Array:
     return basis
 
 
-def sensor_gain_basis(samples: WrenchSamples) -> Array:
-    """Wrenches (N, 6, 10 C) of unit relative errors of each sensor: gains, then mixings of axes.
+def axis_mixing_basis(samples: WrenchSamples) -> Array:
+    """Wrenches (N, 6, 9 C) of unit entries of the matrices by which sensors mix their axes.
 
-    The first C are the contacts' wrenches f, torque and force each in the sensor frame; then come,
-    for each contact, e_i e_j^T f for all axes i and j, so that any matrix that multiplies what a
-    sensor measures is a sum of them. None of an only sensor, (N, 6, 0), whose gain is a heavier
-    load.
-
-    Args:
-        samples: with forces whose noise is not that of the residual.
+    For each contact e_i e_j^T f for all axes i and j, f its torque and force, each in the sensor
+    frame: any matrix that multiplies what a sensor measures is a sum of them. None of an only
+    sensor, (N, 6, 0), whose gain is a heavier load.
     """
     count, contacts = samples.contact_force.shape[:2]
     if contacts < 2:
@@ -116,34 +119,65 @@ def sensor_gain_basis(samples: WrenchSamples) -> Array:
     force = np.einsum("ncxi,ncyj,ncy->ncijx", axes, axes, samples.contact_force)
     own = np.einsum("ncxi,ncyj,ncy->ncijx", axes, axes, samples.contact_torque)
     torque = cross(samples.contact_point[:, :, None, None], force) + own
-    mixed = np.concatenate([torque, force], axis=-1)
-    gains = np.trace(mixed, axis1=2, axis2=3)
-    columns = np.concatenate([gains, mixed.reshape(count, 9 * contacts, 6)], axis=1)
+    columns = np.concatenate([torque, force], axis=-1).reshape(count, 9 * contacts, 6)
     return np.swapaxes(columns, 1, 2)
 
 
-def systematic_variances(mixing: Array, white: Array) -> Array:
-    """Variances (q,) of the presumed errors that make the residuals most likely.
+def lasting_basis(samples: WrenchSamples, lever: float) -> Array:
+    """Wrenches (N, 6, 9 + 9 C) of all unit errors: `systematic_basis` and `axis_mixing_basis`."""
+    constant = systematic_basis(samples.rotation, lever)
+    return np.concatenate([constant, axis_mixing_basis(samples)], axis=2)
+
+
+def with_gains(columns: int) -> Array:
+    """Matrix (9 + 9 C, 9 + 10 C) that puts the C gains behind the constant errors.
+
+    A gain is the sum of the three mixings of an axis with itself.
+
+    Args:
+        columns: 9 + 9 C, of `lasting_basis`.
+    """
+    every = np.eye(columns)
+    by_sensor = every[:, SYSTEMATIC_SIZE:].reshape(columns, -1, 3, 3)
+    gains = np.trace(by_sensor, axis1=2, axis2=3)
+    return np.concatenate([every[:, :SYSTEMATIC_SIZE], gains, every[:, SYSTEMATIC_SIZE:]], axis=1)
+
+
+def systematic_variances(mixing: Array, white: Array) -> list[tuple[float, Array]]:
+    """Probabilities of explanations of the data, each with variances (q,) of the errors.
 
     With errors of variances D the numbers that data show of them are N(0, 1 + A D A^T). D is one
     number each for constant wrenches of the body, constant forces of the world, and gains of
-    sensors, this one widened for how few they are; each is zero unless the likelihood gains
-    significantly (5 %).
+    sensors, this one widened for how few they are. An explanation has some of these kinds, with the
+    variances that make the data most likely; every kind in it has to earn what would be significant
+    (5 %), and none at all is one. They are weighed by their likelihoods, since short recordings do
+    not tell them apart, and each leaves other parameters uncertain. Source: Hoeting et al. 1999.
 
     Args:
         mixing: (r, q) A, see `_shown`; q is 9, or 9 + C with C sensors.
         white: (r,) white numbers, see `_shown`.
+
+    Returns:
+        The most probable first.
     """
     parts = np.split(mixing, [_BODY_SIZE, SYSTEMATIC_SIZE], axis=1)
-    kinds = [part for part in parts if part.shape[1]]
-    shapes = np.array([part @ part.T for part in kinds])
-    fits = [_most_likely(white, shapes, first) for first in range(len(shapes))]
-    found, cost = min(fits, key=lambda fit: fit[1])
-    if cost >= white @ white:
-        return np.zeros(mixing.shape[1])
-    if len(found) == len(parts):
-        found[-1] *= _student_factor(found, shapes)
-    return np.repeat(found, [part.shape[1] for part in kinds])
+    sizes = [part.shape[1] for part in parts if part.shape[1]]
+    shapes = np.array([part @ part.T for part in parts[: len(sizes)]])
+    found, costs = [np.zeros(len(sizes))], [float(white @ white)]
+    for count in range(1, len(sizes) + 1):
+        for kinds in combinations(range(len(sizes)), count):
+            variances, cost = _most_likely(white, shapes, kinds)
+            if np.count_nonzero(variances) == count:
+                found.append(variances)
+                costs.append(cost)
+    weights = np.exp(-0.5 * (np.array(costs) - min(costs)))
+    weights *= weights > _IMPROBABLE
+    weights /= weights.sum()
+    for variances in found:
+        if len(variances) == len(parts):
+            variances[-1] *= _student_factor(variances, shapes)
+    order = np.argsort(-weights, kind="stable")
+    return [(float(weights[k]), np.repeat(found[k], sizes)) for k in order if weights[k] > 0.0]
 
 
 def axis_mixing_variance(variances: Array, mixing: Array, white: Array) -> float:
@@ -177,13 +211,15 @@ def _covariance(variances: Array, shapes: Array) -> Array:
     return np.asarray(np.eye(shapes.shape[1]) + np.tensordot(variances, shapes, axes=1))
 
 
-def _most_likely(white: Array, shapes: Array, first: int) -> tuple[Array, float]:
-    """Variances v of white ~ N(0, 1 + sum v_k S_k), found in turn, and -2 log likelihood."""
+def _most_likely(white: Array, shapes: Array, kinds: Sequence[int]) -> tuple[Array, float]:
+    """Variances v of white ~ N(0, 1 + sum v_k S_k), those of `kinds` found in turn, and the cost.
+
+    The cost is -2 log likelihood and what each variance has to earn.
+    """
     found, cost = np.zeros(len(shapes)), np.inf
-    rounds = _ROUNDS if len(shapes) > 1 else 1
-    for step in range(rounds * len(shapes)):
-        k = (first + step) % len(shapes)
-        found[k], cost = _most_likely_one(white, shapes, found, k)
+    for _ in range(_ROUNDS if len(kinds) > 1 else 1):
+        for kind in kinds:
+            found[kind], cost = _most_likely_one(white, shapes, found, kind)
     return found, cost
 
 
@@ -241,15 +277,19 @@ class PresumedErrors:
         beside = gram - cross.T @ by_error
         plain = slice(SYSTEMATIC_SIZE + (len(gram) - SYSTEMATIC_SIZE) // _PER_SENSOR)
         mixing, white = _shown(gram[plain, plain], beside[plain, plain], score[plain])
-        variances = systematic_variances(mixing, white)
-        if len(variances) < len(gram):
+        explanations = systematic_variances(mixing, white)
+        if plain.stop < len(gram):
             mixing, white = _shown(gram, beside, score)
-            most = axis_mixing_variance(variances, mixing, white)
-            variances = np.append(variances, np.full(len(gram) - len(variances), most))
+        moment = np.zeros_like(gram)
+        for weight, variances in explanations:
+            if len(variances) < len(gram):
+                most = axis_mixing_variance(variances, mixing, white)
+                variances = np.append(variances, np.full(len(gram) - len(variances), most))
+            moment += weight * _second_moment(variances, mixing, white)
         granted = np.zeros(len(gram))
-        granted[:_BODY_SIZE] = (_GRANTED * load) ** 2
-        corrected, posterior = _posterior(np.minimum(variances, granted), mixing, white)
-        moment = _second_moment(variances, mixing, white)
+        probable = explanations[0][1][:_BODY_SIZE]
+        granted[:_BODY_SIZE] = np.minimum(probable, (_GRANTED * load) ** 2)
+        corrected, posterior = _posterior(granted, mixing, white)
         spread = np.sqrt(np.diag(posterior))
         return cls(corrected, spread, np.asarray(by_error @ moment @ by_error.T))
 
