@@ -33,9 +33,6 @@ from tactile_dynamics_ros.report.summary import draw_summary
 
 PORTRAIT = "tactile_dynamics_ros.sim.portrait"
 FEWEST_ESTIMATES = 10
-_WIDER = 1.5
-"""Ratio of standard deviations from which it is said why those from the recording are wider than
-the live ones. It changes no number; lower says so of what nobody notices."""
 
 Array = NDArray[np.float64]
 
@@ -70,9 +67,6 @@ def summarise_demo(
     if effects:
         say(f"offline: with {', '.join(effects)}")
     introduction = _introduce(out, history, body, truth["robot"], truth["object"], say)
-    if wider := _why_wider(history, offline):
-        say(wider)
-        introduction.append(Section("Live and offline", [wider]))
     if found:
         told = offline.duration, truth["hidden_effect"]
         introduction.append(Section("What the model misses", found.sentences(*told)))
@@ -162,16 +156,6 @@ def _values(body: InertialParameters) -> Array:
     tensor = body.inertia_com
     rows, columns = (0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2)
     return np.array([body.mass, *body.com, *tensor[rows, columns]])
-
-
-def _why_wider(history: EstimateHistory, offline: InertialEstimate) -> str:
-    """Return why the recording tells less than was said live; empty if it does not."""
-    if not len(history.time) or not np.any(offline.parameter_std > _WIDER * history.std[-1]):
-        return ""
-    return (
-        "The intervals from the recording are wider than the live ones: they count an error of "
-        "each single sensor's gain as well, which the live estimate of a rigid body leaves out."
-    )
 
 
 def _shown(number: float) -> str:
