@@ -17,7 +17,6 @@ from tactile_dynamics_ros.core.errors import (  # noqa: E402
     NotIdentifiableError,
     TactileDynamicsError,
 )
-from tactile_dynamics_ros.report.history import EstimateHistory  # noqa: E402
 
 HIDDEN = {"name": "added_mass", "parameters": {"mass": {"value": 0.115, "unit": "kg"}}}
 
@@ -223,17 +222,6 @@ def test_an_estimate_with_the_effects_that_diverges_is_one_of_the_body_alone(mon
     assert found == ("body alone", ())
     assert "viscous_drag (the iteration diverged)" in said[0]
     assert demo_result._shown(np.nan) == "-"
-
-
-def test_wider_intervals_of_the_recording_are_explained():
-    stds = np.full((1, 10), 2.0)
-    history = EstimateHistory(np.ones(1), np.ones((1, 10)), stds)
-    estimate = SimpleNamespace(parameter_std=np.full(10, 2.5))
-    assert demo_result._why_wider(history, estimate) == ""
-    estimate.parameter_std[3] = 6.0
-    assert "gain" in demo_result._why_wider(history, estimate)
-    nothing = EstimateHistory(np.zeros(0), np.zeros((0, 10)), np.zeros((0, 10)))
-    assert demo_result._why_wider(nothing, estimate) == ""
 
 
 def test_a_recording_that_exists_is_refused_before_anything_starts(tmp_path):

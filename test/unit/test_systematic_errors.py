@@ -83,7 +83,7 @@ def test_gains_are_covered_though_their_sum_leaves_no_trace():
         inverse = np.linalg.inv(jacobian.T @ jacobian)
         shift = -inverse @ jacobian.T @ measured
         residual = measured + jacobian @ shift
-        basis = np.concatenate([constant, gains, np.zeros((400, 36))], axis=1)
+        basis = np.concatenate([constant, gains, np.zeros((400, 48))], axis=1)
         added = PresumedErrors.of_rows(inverse, jacobian, basis, residual, LOAD).covariance
         inside.append(abs(shift[0]) < 1.645 * np.sqrt((inverse + added)[0, 0]))
     assert 0.86 < np.mean(inside) < 0.97
@@ -101,11 +101,33 @@ def test_axes_that_a_sensor_mixes_are_covered():
         measured = rng.normal(size=600) + mixed @ rng.normal(0.0, 0.1, 18)
         inverse = np.linalg.inv(jacobian.T @ jacobian)
         shift = -inverse @ jacobian.T @ measured
-        basis = np.concatenate([np.zeros((600, SYSTEMATIC_SIZE)), gains, mixed], axis=1)
+        constant, places = np.zeros((600, SYSTEMATIC_SIZE)), np.zeros((600, 6))
+        basis = np.concatenate([constant, gains, places, mixed], axis=1)
         residual = measured + jacobian @ shift
         added = PresumedErrors.of_rows(inverse, jacobian, basis, residual, LOAD).covariance
         inside.append(np.abs(shift) < 1.645 * np.sqrt(np.diag(inverse + added)))
     assert 0.82 < np.mean(inside) < 0.98
+
+
+def test_contacts_that_are_elsewhere_are_covered():
+    """Each of four contacts is millimetres off: what its moments shift the load by is covered."""
+    inside, without, four = [], [], example_samples()
+    columns = lasting_basis(four, 0.05)
+    rows = (columns @ with_gains(columns.shape[2])).reshape(-1, SYSTEMATIC_SIZE + 52)
+    places = slice(SYSTEMATIC_SIZE + 4, SYSTEMATIC_SIZE + 16)
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        basis = rows / 1e-3
+        jacobian = basis[:, places] @ rng.normal(0.0, 1e-3, (12, 4))
+        jacobian += rng.normal(size=jacobian.shape)
+        measured = rng.normal(size=len(basis)) + basis[:, places] @ rng.normal(0.0, 3e-3, 12)
+        inverse = np.linalg.inv(jacobian.T @ jacobian)
+        shift = -inverse @ jacobian.T @ measured
+        residual = measured + jacobian @ shift
+        added = PresumedErrors.of_rows(inverse, jacobian, basis, residual, LOAD).covariance
+        inside.append(np.abs(shift) < 1.645 * np.sqrt(np.diag(inverse + added)))
+        without.append(np.abs(shift) < 1.645 * np.sqrt(np.diag(inverse)))
+    assert np.mean(without) < 0.6 and np.mean(inside) > 0.8
 
 
 def test_no_information_gives_no_variance():
@@ -142,10 +164,10 @@ def test_an_only_sensor_has_no_gain_to_presume():
     alone = replace(alone, contact_names=four.contact_names[:1], in_contact=four.in_contact[:, :1])
     basis = lasting_basis(four, 0.05)
     gains = (basis @ with_gains(basis.shape[2]))[:, :, SYSTEMATIC_SIZE:]
-    assert gains.shape == (len(four.time), 6, 40)
+    assert gains.shape == (len(four.time), 6, 52)
     whole = gains[:, :, :4].sum(axis=2)
     assert np.allclose(whole, four.measured_wrench)
-    mixed = gains[:, :, 4:].reshape(len(four.time), 6, 4, 3, 3)
+    mixed = gains[:, :, 16:].reshape(len(four.time), 6, 4, 3, 3)
     assert np.allclose(np.trace(mixed, axis1=3, axis2=4), gains[:, :, :4])
     assert lasting_basis(alone, 0.05).shape == (len(four.time), 6, SYSTEMATIC_SIZE)
     assert with_gains(SYSTEMATIC_SIZE).shape == (SYSTEMATIC_SIZE, SYSTEMATIC_SIZE)

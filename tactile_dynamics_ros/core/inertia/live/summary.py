@@ -33,11 +33,17 @@ _LEAST_CHANGE = 0.02
 half a second do a percent. Lower warns of these, higher lets small payloads pass for longer."""
 
 
+_MORE = 0.05
+"""Share of new samples after which lasting errors are found again, which costs as much as twenty
+updates: over a minute at 100 Hz less than one update in ten. Half as much costs twice that, twice
+as much leaves intervals a tenth of the data late."""
+
+
 class Summariser:
     """Turns what an `Accumulation` knows now into a `LiveEstimate`.
 
     What changes slowly (inflation, lasting errors, excitation) is found again at every tenth call
-    only, each of them at another one.
+    at most, each of them at another one.
     """
 
     _EVERY = 10
@@ -50,6 +56,7 @@ class Summariser:
         self._model: Accumulation | None = None
         self._widen = np.ones(0)
         self._presumed: PresumedErrors | None = None
+        self._next_presumption = 0
         self._corrected_at, self._step = np.full(10, np.inf), np.zeros(10)
         self._not_excited: tuple[str, ...] = ()
 
@@ -63,8 +70,9 @@ class Summariser:
         if widening:
             scatter = model.scores.inflation(model.phi, covariance)
             self._widen = np.sqrt(scatter * misfit_factor(model.information.whitened_rms))
-        if lasting or self._presumed is None:
+        if self._presumed is None or (lasting and model.samples >= self._next_presumption):
             self._presumed = model.presume_lasting_errors()
+            self._next_presumption = int((1.0 + _MORE) * model.samples)
             self._corrected_at = np.full(10, np.inf)
         if excitation:
             widened = covariance * np.outer(self._widen, self._widen)
@@ -128,6 +136,8 @@ class Summariser:
         """Which of the slow parts this call finds again: all of them for another model."""
         turn = self._calls % self._EVERY
         due = [model is not self._model or turn == own for own in self._TURNS]
+        if model is not self._model:
+            self._next_presumption = 0
         self._model = model
         self._calls += 1
         return due

@@ -1,24 +1,21 @@
 """Errors that last: presumed where residuals show them, corrected as far as that is safe.
 
 Where residuals betray a misfit, a constant wrench in the body frame (sensors and finger frames
-that are off), a constant force in the world (a cable), gains of the sensors that are off and what
-each sensor shows along one axis of a load along another are presumed, with the variances that make
-the residuals most likely. On data that the model fits, they are zero.
+that are off), a constant force in the world (a cable), gains of the sensors that are off, contacts
+that are elsewhere, and what each sensor shows along one axis of a load along another are presumed,
+with the variances that make the residuals most likely. On data that the model fits, they are zero.
 
 A reported estimate is corrected by the constant wrench of the sensors, to which a small share of
 the load is granted beforehand: residuals are correlated, and much that is not modelled, such as
 fingertips that give way to inertial forces, looks a little like it. What all presumed errors would
 shift the parameters by is added to the covariance, as if nothing had been corrected; explanations
-that the data do not tell apart count by their probability. A gain that
-all sensors share leaves no trace: only how much they differ says how far they may be off together.
-The live estimate presumes the constant errors only, since more would cost it too much.
+that the data do not tell apart count by their probability. A gain that all sensors share leaves no
+trace: only how much they differ says how far they may be off together.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,9 +34,12 @@ _BODY_SIZE = 6
 """Number of those that are constant in the body frame (torque and force of the sensors); they come
 first. Fixed by these kinds."""
 
-_PER_SENSOR = 10
-"""Columns of a sensor in a basis: its gain, and the nine entries of the matrix that mixes its axes.
-Fixed by these kinds."""
+_PER_SENSOR = 13
+"""Errors of a sensor: its gain, the place of its contact (3), and the nine entries of the matrix
+that mixes its axes. Fixed by these kinds."""
+_GAINS = 2
+"""Place of the gains among the kinds of errors: body, world, gains, places, mixings. Fixed by this
+order; at another one the variance of other errors would grow for how few the gains are."""
 
 _GRANTED = 0.003
 """Standard deviation, over the load, of the constant wrench by which estimates are corrected. Of 32
@@ -64,10 +64,11 @@ _IMPROBABLE = 0.01
 """Probability, over that of the most probable explanation, below which one is left out: it would
 have added a hundredth of the variance that it leaves. A tenth leaves out what may well
 hold, a thousandth costs time."""
-_ROUNDS = 2
-"""Times that the variances of all kinds of errors are sought in turn. The second sees what the
-others explain: with one round intervals of a recording with a hidden drag were as little as a third
-as wide, with four they were the same as with two."""
+_USUAL = np.array([np.inf, np.inf, 0.1, 0.005, 0.1])
+"""Standard deviations of what errors of each kind are before any data: gains, mixings of axes and
+places (m) of fingertips. Calibrated fingertips are off by a tenth and some millimetres
+(docs/lab/in_hand.md); constant wrenches may be anything. Without a bound gains of 300 % were
+presumed where places explain what remains; much less leaves true gains of 20 % uncovered."""
 _QUANTILE = 0.95
 """Quantile of Student's t at which few gains are made up for: that of two-sided 90 % intervals, as
 the product states them. A higher one widens intervals of few gains more: Student's tails differ the
@@ -104,12 +105,13 @@ def systematic_basis(rotation: Array, lever: float) -> Array:
     return basis
 
 
-def axis_mixing_basis(samples: WrenchSamples) -> Array:
-    """Wrenches (N, 6, 9 C) of unit entries of the matrices by which sensors mix their axes.
+def sensor_basis(samples: WrenchSamples) -> Array:
+    """Wrenches (N, 6, 12 C) of unit errors of each sensor: of places of contacts, m, and mixings.
 
-    For each contact e_i e_j^T f for all axes i and j, f its torque and force, each in the sensor
-    frame: any matrix that multiplies what a sensor measures is a sum of them. None of an only
-    sensor, (N, 6, 0), whose gain is a heavier load.
+    The first 3 C are moments e_i x f about the axes e_i of each sensor, f its force. Then come for
+    each contact e_i e_j^T f for all axes i and j, f its torque and force: any matrix that
+    multiplies what a sensor measures is a sum of them. None of an only sensor, (N, 6, 0), whose
+    gain is a heavier load.
     """
     count, contacts = samples.contact_force.shape[:2]
     if contacts < 2:
@@ -119,80 +121,90 @@ def axis_mixing_basis(samples: WrenchSamples) -> Array:
     force = np.einsum("ncxi,ncyj,ncy->ncijx", axes, axes, samples.contact_force)
     own = np.einsum("ncxi,ncyj,ncy->ncijx", axes, axes, samples.contact_torque)
     torque = cross(samples.contact_point[:, :, None, None], force) + own
-    columns = np.concatenate([torque, force], axis=-1).reshape(count, 9 * contacts, 6)
-    return np.swapaxes(columns, 1, 2)
+    mixed = np.concatenate([torque, force], axis=-1).reshape(count, 9 * contacts, 6)
+    moment = cross(np.swapaxes(axes, 2, 3), samples.contact_force[:, :, None])
+    places = np.zeros((count, 3 * contacts, 6))
+    places[:, :, :3] = moment.reshape(count, 3 * contacts, 3)
+    return np.swapaxes(np.concatenate([places, mixed], axis=1), 1, 2)
 
 
 def lasting_basis(samples: WrenchSamples, lever: float) -> Array:
-    """Wrenches (N, 6, 9 + 9 C) of all unit errors: `systematic_basis` and `axis_mixing_basis`."""
+    """Wrenches (N, 6, 9 + 12 C) of all unit errors: `systematic_basis` and `sensor_basis`."""
     constant = systematic_basis(samples.rotation, lever)
-    return np.concatenate([constant, axis_mixing_basis(samples)], axis=2)
+    return np.concatenate([constant, sensor_basis(samples)], axis=2)
 
 
 def with_gains(columns: int) -> Array:
-    """Matrix (9 + 9 C, 9 + 10 C) that puts the C gains behind the constant errors.
+    """Matrix (9 + 12 C, 9 + 13 C) that puts the C gains behind the constant errors.
 
     A gain is the sum of the three mixings of an axis with itself.
 
     Args:
-        columns: 9 + 9 C, of `lasting_basis`.
+        columns: 9 + 12 C, of `lasting_basis`.
     """
     every = np.eye(columns)
-    by_sensor = every[:, SYSTEMATIC_SIZE:].reshape(columns, -1, 3, 3)
-    gains = np.trace(by_sensor, axis1=2, axis2=3)
-    return np.concatenate([every[:, :SYSTEMATIC_SIZE], gains, every[:, SYSTEMATIC_SIZE:]], axis=1)
+    constant, places, mixed = np.split(every, [SYSTEMATIC_SIZE, _places(columns)], axis=1)
+    gains = np.trace(mixed.reshape(columns, -1, 3, 3), axis1=2, axis2=3)
+    return np.concatenate([constant, gains, places, mixed], axis=1)
+
+
+def _places(columns: int) -> int:
+    """End of the places of contacts in 9 + 12 C columns."""
+    return SYSTEMATIC_SIZE + (columns - SYSTEMATIC_SIZE) // 4
 
 
 def systematic_variances(mixing: Array, white: Array) -> list[tuple[float, Array]]:
     """Probabilities of explanations of the data, each with variances (q,) of the errors.
 
     With errors of variances D the numbers that data show of them are N(0, 1 + A D A^T). D is one
-    number each for constant wrenches of the body, constant forces of the world, and gains of
-    sensors, this one widened for how few they are. An explanation has some of these kinds, with the
-    variances that make the data most likely; every kind in it has to earn what would be significant
-    (5 %), and none at all is one. They are weighed by their likelihoods, since short recordings do
-    not tell them apart, and each leaves other parameters uncertain. Source: Hoeting et al. 1999.
+    number each for constant wrenches of the body, constant forces of the world, and gains, places
+    and mixings of sensors; that of gains is widened for how few they are. An explanation has some
+    of these kinds, with the variances that make the data most likely; every kind in it has to earn
+    what would be significant (5 %), and none at all is one. Kinds are added to the most likely
+    explanation one at a time. Explanations are weighed by their likelihoods, since short recordings
+    do not tell them apart, and each leaves other parameters uncertain. Source: Hoeting et al. 1999.
 
     Args:
-        mixing: (r, q) A, see `_shown`; q is 9, or 9 + C with C sensors.
+        mixing: (r, q) A, see `_shown`; q is 9 + 13 C, or 9 of an only sensor.
         white: (r,) white numbers, see `_shown`.
 
     Returns:
         The most probable first.
     """
-    parts = np.split(mixing, [_BODY_SIZE, SYSTEMATIC_SIZE], axis=1)
-    sizes = [part.shape[1] for part in parts if part.shape[1]]
-    shapes = np.array([part @ part.T for part in parts[: len(sizes)]])
-    found, costs = [np.zeros(len(sizes))], [float(white @ white)]
-    for count in range(1, len(sizes) + 1):
-        for kinds in combinations(range(len(sizes)), count):
-            variances, cost = _most_likely(white, shapes, kinds)
-            if np.count_nonzero(variances) == count:
-                found.append(variances)
-                costs.append(cost)
-    weights = np.exp(-0.5 * (np.array(costs) - min(costs)))
+    contacts = (mixing.shape[1] - SYSTEMATIC_SIZE) // _PER_SENSOR
+    sizes = np.array([_BODY_SIZE, SYSTEMATIC_SIZE - _BODY_SIZE, *contacts * np.array([1, 3, 9])])
+    sizes = sizes[sizes > 0]
+    parts = np.split(mixing, np.cumsum(sizes)[:-1], axis=1)
+    shapes = np.array([part @ part.T for part in parts])
+    best, cost = np.zeros(len(sizes)), float(white @ white)
+    found = [(cost, best)]
+    for _ in sizes:
+        absent = np.flatnonzero(best == 0.0).tolist()
+        tried = [_with_kind(white, shapes, best, kind) for kind in absent]
+        found += [(c, v) for c, v in tried if np.count_nonzero(v) > np.count_nonzero(best)]
+        if (least := min(found, key=lambda f: f[0]))[0] >= cost:
+            break
+        cost, best = least
+    costs = np.array([c for c, _ in found])
+    weights = np.exp(-0.5 * (costs - costs.min()))
     weights *= weights > _IMPROBABLE
     weights /= weights.sum()
-    for variances in found:
-        if len(variances) == len(parts):
-            variances[-1] *= _student_factor(variances, shapes)
+    if contacts:
+        for _, variances in found:
+            variances[_GAINS] *= _student_factor(variances, shapes)
     order = np.argsort(-weights, kind="stable")
-    return [(float(weights[k]), np.repeat(found[k], sizes)) for k in order if weights[k] > 0.0]
+    return [(float(weights[k]), np.repeat(found[k][1], sizes)) for k in order if weights[k] > 0.0]
 
 
-def axis_mixing_variance(variances: Array, mixing: Array, white: Array) -> float:
-    """Variance of the entries of the matrices that mix the axes of the sensors.
+def _with_kind(white: Array, shapes: Array, variances: Array, kind: int) -> tuple[float, Array]:
+    """Cost and variances v of white ~ N(0, 1 + sum v_k S_k) with one kind more, found in turn.
 
-    It is the most likely one given the other errors, so that these keep what they alone show.
-
-    Args:
-        variances: (q,) of the other errors.
-        mixing: (r, q + 9 C) A of all of them, see `_shown`.
-        white: (r,) white numbers, see `_shown`.
+    The cost is -2 log likelihood and what each variance has to earn.
     """
-    own, others = mixing[:, len(variances) :], mixing[:, : len(variances)]
-    shapes = np.array([(others * variances) @ others.T, own @ own.T])
-    return _most_likely_one(white, shapes, np.array([1.0, 0.0]), 1)[0]
+    found, cost = variances.copy(), np.inf
+    for own in (kind, *np.flatnonzero(variances).tolist()):
+        found[own], cost = _most_likely_one(white, shapes, found, own)
+    return cost, found
 
 
 def _student_factor(variances: Array, shapes: Array) -> float:
@@ -202,25 +214,14 @@ def _student_factor(variances: Array, shapes: Array) -> float:
     nu = tr(v S (v S + C)^-1), at least one; the factor is (t_nu / t_inf)^2 at 95 %.
     """
     total = _covariance(variances, shapes)
-    shown = max(variances[-1] * float(np.trace(np.linalg.solve(total, shapes[-1]))), 1.0)
+    own = variances[_GAINS] * shapes[_GAINS]
+    shown = max(float(np.trace(np.linalg.solve(total, own))), 1.0)
     return float((stdtrit(shown, _QUANTILE) / ndtri(_QUANTILE)) ** 2)
 
 
 def _covariance(variances: Array, shapes: Array) -> Array:
     """1 + sum v_k S_k, (r, r)."""
     return np.asarray(np.eye(shapes.shape[1]) + np.tensordot(variances, shapes, axes=1))
-
-
-def _most_likely(white: Array, shapes: Array, kinds: Sequence[int]) -> tuple[Array, float]:
-    """Variances v of white ~ N(0, 1 + sum v_k S_k), those of `kinds` found in turn, and the cost.
-
-    The cost is -2 log likelihood and what each variance has to earn.
-    """
-    found, cost = np.zeros(len(shapes)), np.inf
-    for _ in range(_ROUNDS if len(kinds) > 1 else 1):
-        for kind in kinds:
-            found[kind], cost = _most_likely_one(white, shapes, found, kind)
-    return found, cost
 
 
 def _most_likely_one(
@@ -242,6 +243,7 @@ def _most_likely_one(
     costs = np.sum(np.log(growth) + square / growth, axis=1)
     costs += 2.0 * np.sum(np.log(np.diag(factor)))
     costs += _LIKELIHOOD_GAIN * (np.count_nonzero(others) + (tried > 0.0))
+    costs += tried / _USUAL[kind] ** 2 + float(np.sum(others / _USUAL[: len(others)] ** 2))
     best = int(np.argmin(costs))
     return float(tried[best]), float(costs[best])
 
@@ -275,16 +277,10 @@ class PresumedErrors:
         """
         by_error = inverse @ cross
         beside = gram - cross.T @ by_error
-        plain = slice(SYSTEMATIC_SIZE + (len(gram) - SYSTEMATIC_SIZE) // _PER_SENSOR)
-        mixing, white = _shown(gram[plain, plain], beside[plain, plain], score[plain])
+        mixing, white = _shown(gram, beside, score)
         explanations = systematic_variances(mixing, white)
-        if plain.stop < len(gram):
-            mixing, white = _shown(gram, beside, score)
         moment = np.zeros_like(gram)
         for weight, variances in explanations:
-            if len(variances) < len(gram):
-                most = axis_mixing_variance(variances, mixing, white)
-                variances = np.append(variances, np.full(len(gram) - len(variances), most))
             moment += weight * _second_moment(variances, mixing, white)
         granted = np.zeros(len(gram))
         probable = explanations[0][1][:_BODY_SIZE]
