@@ -81,12 +81,15 @@ def fit_model(
     problems = tuple(problems)
     start = xi if xi is not None else _start(problems, contact_prior(problems[0].samples))
     present = np.asarray(start, dtype=float)
-    values = None if theta is None else [np.asarray(t, dtype=float) for t in theta]
-    stretches = _whiten(problems, present, effects if values is not None else (), values or ())
-    if values is None:
-        values = _guess_effects(stretches, present, effects)
-        stretches = _whiten(problems, present, effects, values) if effects else stretches
-    return _alternate(stretches, present, effects, values, iterations)
+    if theta is not None:
+        values = [np.asarray(t, dtype=float) for t in theta]
+    elif effects:
+        values = _guess_effects(_whiten(problems, present, (), ()), present, effects)
+    else:
+        values = []
+    return _alternate(
+        _whiten(problems, present, effects, values), present, effects, values, iterations
+    )
 
 
 def fit_further(model: FittedModel, iterations: int) -> FittedModel:
@@ -194,6 +197,7 @@ def _alternate(
         trusted = prior.weighted(_misfit(stretches))
         present, values, converged = _solve(stretches, present, effects, values, trusted, unexcited)
         problems = _denoise(stretches, present, effects, values, first, trusting)
+        del stretches  # half the memory, before as much is needed again
         stretches = _whiten(problems, present, effects, values)
         done, first = done + 1, False
         settled = unexcited.size > 0 and done >= _SETTLED
