@@ -60,6 +60,7 @@ def describe(summary: dict[str, Any]) -> str:
         _line("pairs: both in three steps", pairs["both_within_three"], pairs["count"], ">= 75 %"),
         _line("outside: unexplained", outside["unexplained"], outside["count"], ">= 85 %"),
         _line("outside: named wrongly", outside["wrong_name"], outside["count"], ""),
+        _line("outside: unexplained, or 95 % of it is", outside["honest"], None, ">= 90 %"),
         _line("outside: frequency to 2 %", outside["frequency_within_two_percent"], None, ""),
         _line("outside: right channel first", outside["right_channel"], None, ""),
         f"diagnose: median {_number(seconds['diagnose_median'])} s, at most "

@@ -40,6 +40,18 @@ SENSOR_SETS: dict[str, dict[str, Any]] = {
 _PAIR_PARTNERS = tuple(name for name in CATALOGUE if name != "sloshing_mass")
 
 
+IN_PART = tuple(
+    f"{name}[{bounds}]"
+    for name, bounds in (
+        ("dipole_pull", "8<t<20"),
+        ("charge_pull", "t>15"),
+        ("stiffening_spring", "t<18"),
+        ("force_hysteresis", "10<t<22"),
+    )
+)
+"""What no catalogue has and acts for a part of the time."""
+
+
 @dataclass(frozen=True)
 class Case:
     """One recording.
@@ -130,7 +142,8 @@ def plan(start: int, seeds: int, clean: int, pairs: int, outside: int, calm: int
         if k < seeds:
             cases += [Case("single", (name,), STRONG, start + k) for name in CATALOGUE]
         if k < outside:
-            cases += [Case("outside", (name,), 2.0, start + k) for name in OUTSIDE]
+            names = (*OUTSIDE, *IN_PART)
+            cases += [Case("outside", (name,), 2.0, start + k) for name in names]
     cases += list(_draw_pairs(start, pairs))
     cases += [Case("calm", (name,), 2.0, start + k) for k in range(calm) for name in CATALOGUE]
     for level in (2.0, 1.2, 4.0, 1.1):

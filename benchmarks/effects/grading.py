@@ -16,6 +16,8 @@ from tactile_dynamics_ros.synthetic import CATALOGUE
 Record = dict[str, Any]
 HONEST_RATIO = 1.05
 FLOOR_RATIO = 1.1
+LITTLE = 0.05
+"""Share of the excess of the squared error that an effect which stands for another may leave."""
 FOUND_SHARE = 0.9
 TOO_WEAK = 0.93
 MAIN_CHANNEL = 0.5
@@ -212,6 +214,7 @@ def _grade_outside(records: list[Record]) -> dict[str, Any]:
         "count": len(records),
         "unexplained": _share(records, _is_unexplained),
         "wrong_name": _share(records, lambda r: label_of(r) in CATALOGUE),
+        "honest": _share(records, lambda r: _is_unexplained(r) or _leaves_little(r)),
         "frequency_within_two_percent": _share(silent, _has_right_tone),
         "right_channel": _share([r for r in records if _is_unexplained(r)], _has_right_channel),
         "effects": {name: dict(labels) for name, labels in called.items()},
@@ -256,8 +259,17 @@ def _is_unexplained(record: Record) -> bool:
     return diagnosis_of(record)["verdict"] == "unexplained"
 
 
+def _leaves_little(record: Record) -> bool:
+    """Whether a named effect leaves less than a twentieth of the excess error."""
+    error = diagnosis_of(record).get("error")
+    if not error or label_of(record).partition("[")[0] not in CATALOGUE:
+        return False
+    floor = error["noise_floor"] ** 2
+    return bool(error["after"] ** 2 - floor < LITTLE * (error["before"] ** 2 - floor))
+
+
 def _tone(record: Record) -> float | None:
-    signature = record["truth"]["effects"][record["effects"][0]]["signature"]
+    signature = record["truth"]["effects"][record["effects"][0].partition("[")[0]]["signature"]
     return signature.get("frequency_hz")
 
 

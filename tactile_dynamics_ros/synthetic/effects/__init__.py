@@ -39,6 +39,9 @@ _CATALOGUED = (
 _UNKNOWN = (
     outside_world.MotorVibration,
     outside_world.MagneticPull,
+    outside_world.DipolePull,
+    outside_world.ChargePull,
+    outside_world.StiffeningSpring,
     outside_world.CableStickSlip,
     outside_world.DryRubbing,
     outside_world.AerodynamicLift,

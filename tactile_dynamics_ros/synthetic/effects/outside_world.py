@@ -50,6 +50,7 @@ class MagneticPull(HiddenEffect):
     """A magnet at a fixed place attracts a point of the object: force ~ distance^-4."""
 
     name = "magnetic_pull"
+    power = 4
     magnet: np.ndarray
     point: np.ndarray
 
@@ -63,7 +64,9 @@ class MagneticPull(HiddenEffect):
         gap = self.magnet - scene.motion.point(self.point)
         distance = np.sqrt((gap**2).sum(1, keepdims=True) + 0.03**2)
         return force_at_point(
-            scene, self.point, 0.5 * self.magnitude * (0.1 / distance) ** 4 * gap / distance
+            scene,
+            self.point,
+            0.5 * self.magnitude * (0.1 / distance) ** self.power * gap / distance,
         )
 
     @classmethod
@@ -71,6 +74,50 @@ class MagneticPull(HiddenEffect):
         """A magnet 8 to 15 cm from the mean position."""
         magnet = scenario.motion.centre + rng.uniform(0.08, 0.15) * randomness.unit_vector(rng)
         return cls(magnitude, magnet, draw_body_point(rng, scenario))
+
+
+@dataclass(frozen=True)
+class DipolePull(MagneticPull):
+    """A magnet that pulls at an iron part: force ~ distance^-3."""
+
+    name = "dipole_pull"
+    power = 3
+
+
+@dataclass(frozen=True)
+class ChargePull(MagneticPull):
+    """A charge that attracts a point of the object: force ~ distance^-2."""
+
+    name = "charge_pull"
+    power = 2
+
+
+@dataclass(frozen=True)
+class StiffeningSpring(HiddenEffect):
+    """A spring that grows stiffer: force ~ elongation^3 from where a point rests."""
+
+    name = "stiffening_spring"
+    rest: np.ndarray
+    point: np.ndarray
+
+    @property
+    def signature(self) -> dict[str, object]:
+        """A force that depends on the position alone."""
+        return {"correlates_with": "position", "frame": "world", "channels": ["force", "torque"]}
+
+    def wrench(self, scene: Scene) -> np.ndarray:
+        """0.5 N at 10 cm."""
+        gap = self.rest - scene.motion.point(self.point)
+        square = (gap**2).sum(1, keepdims=True)
+        return force_at_point(scene, self.point, 500.0 * self.magnitude * square * gap)
+
+    @classmethod
+    def draw(
+        cls, rng: np.random.Generator, magnitude: float, scenario: Scenario
+    ) -> StiffeningSpring:
+        """Slack up to 5 cm from the mean position."""
+        rest = scenario.motion.centre + rng.uniform(0.0, 0.05) * randomness.unit_vector(rng)
+        return cls(magnitude, rest, draw_body_point(rng, scenario))
 
 
 @dataclass(frozen=True)
