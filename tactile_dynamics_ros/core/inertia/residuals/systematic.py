@@ -65,10 +65,10 @@ _IMPROBABLE = 0.01
 have added a hundredth of the variance that it leaves. A tenth leaves out what may well
 hold, a thousandth costs time."""
 _USUAL = np.array([np.inf, np.inf, 0.1, 0.005, 0.1])
-"""Standard deviations of what errors of each kind are before any data: gains, mixings of axes and
-places (m) of fingertips. Calibrated fingertips are off by a tenth and some millimetres
-(docs/lab/in_hand.md); constant wrenches may be anything. Without a bound gains of 300 % were
-presumed where places explain what remains; much less leaves true gains of 20 % uncovered."""
+"""Standard deviations of errors of each kind before any data: a tenth for gains and mixed axes, and
+the 5 mm of a fingertip's patch for places; constant wrenches may be anything. Without them gains of
+300 % were presumed in the simulated hand where places explain what remains. Smaller ones hold gains
+of 20 % back, larger ones let kinds trade places where few numbers show them."""
 _QUANTILE = 0.95
 """Quantile of Student's t at which few gains are made up for: that of two-sided 90 % intervals, as
 the product states them. A higher one widens intervals of few gains more: Student's tails differ the
