@@ -33,21 +33,21 @@ _LEAST_CHANGE = 0.02
 half a second do a percent. Lower warns of these, higher lets small payloads pass for longer."""
 
 
-_MORE = 0.05
-"""Share of new samples after which lasting errors are found again, which costs as much as twenty
+_MORE = 0.1
+"""Share of new samples after which lasting errors are found again, which costs as much as five
 updates: over a minute at 100 Hz less than one update in ten. Half as much costs twice that, twice
-as much leaves intervals a tenth of the data late."""
+as much leaves intervals a fifth of the data late."""
 
 
 class Summariser:
     """Turns what an `Accumulation` knows now into a `LiveEstimate`.
 
-    What changes slowly (inflation, lasting errors, excitation) is found again at every tenth call
-    at most, each of them at another one.
+    What changes slowly (inflation and excitation) is found again at every tenth call only, each at
+    another one; lasting errors as the samples grow.
     """
 
     _EVERY = 10
-    _TURNS = (0, 3, 6)
+    _TURNS = (0, 6)
 
     def __init__(self, hull: CentreHull | None = None) -> None:
         """Start without a past; a hull bounds the centre of mass."""
@@ -66,13 +66,13 @@ class Summariser:
         solver, error = model.solver, model.rms_error
         covariance = model.covariance
         data, prior = model.coordinate_information()
-        widening, lasting, excitation = self._due(model)
+        widening, excitation = self._due(model)
         if widening:
             scatter = model.scores.inflation(model.phi, covariance)
             self._widen = np.sqrt(scatter * misfit_factor(model.information.whitened_rms))
-        if self._presumed is None or (lasting and model.samples >= self._next_presumption):
+        if self._presumed is None or model.samples >= self._next_presumption:
             self._presumed = model.presume_lasting_errors()
-            self._next_presumption = int((1.0 + _MORE) * model.samples)
+            self._next_presumption = int((1.0 + _MORE) * model.samples) + 1
             self._corrected_at = np.full(10, np.inf)
         if excitation:
             widened = covariance * np.outer(self._widen, self._widen)
