@@ -11,6 +11,7 @@ import numpy as np
 from benchmarks.effects.cases import STRONG
 from benchmarks.effects.parameters import parameter_errors
 from benchmarks.effects.running import named_effects
+from tactile_dynamics_ros.core.numerics.regime import split_label
 from tactile_dynamics_ros.synthetic import CATALOGUE
 
 Record = dict[str, Any]
@@ -213,7 +214,7 @@ def _grade_outside(records: list[Record]) -> dict[str, Any]:
     return {
         "count": len(records),
         "unexplained": _share(records, _is_unexplained),
-        "wrong_name": _share(records, lambda r: label_of(r) in CATALOGUE),
+        "wrong_name": _share(records, _is_named),
         "honest": _share(records, lambda r: _is_unexplained(r) or _leaves_little(r)),
         "frequency_within_two_percent": _share(silent, _has_right_tone),
         "right_channel": _share([r for r in records if _is_unexplained(r)], _has_right_channel),
@@ -259,17 +260,22 @@ def _is_unexplained(record: Record) -> bool:
     return diagnosis_of(record)["verdict"] == "unexplained"
 
 
+def _is_named(record: Record) -> bool:
+    """Whether an effect of the catalogue is named, in a regime or everywhere."""
+    return split_label(label_of(record))[0] in CATALOGUE
+
+
 def _leaves_little(record: Record) -> bool:
     """Whether a named effect leaves less than a twentieth of the excess error."""
     error = diagnosis_of(record).get("error")
-    if not error or label_of(record).partition("[")[0] not in CATALOGUE:
+    if not error or not _is_named(record):
         return False
     floor = error["noise_floor"] ** 2
     return bool(error["after"] ** 2 - floor < LITTLE * (error["before"] ** 2 - floor))
 
 
 def _tone(record: Record) -> float | None:
-    signature = record["truth"]["effects"][record["effects"][0].partition("[")[0]]["signature"]
+    signature = record["truth"]["effects"][split_label(record["effects"][0])[0]]["signature"]
     return signature.get("frequency_hz")
 
 

@@ -173,6 +173,17 @@ def test_an_only_sensor_has_no_gain_to_presume():
     assert with_gains(SYSTEMATIC_SIZE).shape == (SYSTEMATIC_SIZE, SYSTEMATIC_SIZE)
 
 
+def test_a_contact_that_comes_later_adds_columns_at_the_end():
+    """What was summed before it keeps its place."""
+    four = example_samples()
+    contact_fields = [field.name for field in fields(four) if field.name.startswith("contact_")]
+    two = replace(four, **{name: getattr(four, name)[:, :2] for name in contact_fields[1:]})
+    two = replace(two, contact_names=four.contact_names[:2], in_contact=four.in_contact[:, :2])
+    before, after = lasting_basis(two, 0.05), lasting_basis(four, 0.05)
+    assert before.shape[2] < after.shape[2]
+    assert np.array_equal(before, after[:, :, : before.shape[2]])
+
+
 def with_a_finger_off(case):
     """Streams of a case in which one finger reads a constant force too much, fixed in the body."""
     streams, rng = case.streams, np.random.default_rng(1)

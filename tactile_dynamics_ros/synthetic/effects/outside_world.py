@@ -15,6 +15,13 @@ from tactile_dynamics_ros.synthetic.effects.base import (
 from tactile_dynamics_ros.synthetic.effects.external import draw_body_point
 from tactile_dynamics_ros.synthetic.scenario import Scenario, Scene
 
+_BY_POSITION: dict[str, object] = {
+    "correlates_with": "position",
+    "frame": "world",
+    "channels": ["force", "torque"],
+}
+"""Signature of a force at a point that depends on where it is, no number."""
+
 
 @dataclass(frozen=True)
 class MotorVibration(HiddenEffect):
@@ -57,7 +64,7 @@ class MagneticPull(HiddenEffect):
     @property
     def signature(self) -> dict[str, object]:
         """A force that depends on the position alone."""
-        return {"correlates_with": "position", "frame": "world", "channels": ["force", "torque"]}
+        return _BY_POSITION
 
     def wrench(self, scene: Scene) -> np.ndarray:
         """0.5 N at 10 cm."""
@@ -103,7 +110,7 @@ class StiffeningSpring(HiddenEffect):
     @property
     def signature(self) -> dict[str, object]:
         """A force that depends on the position alone."""
-        return {"correlates_with": "position", "frame": "world", "channels": ["force", "torque"]}
+        return _BY_POSITION
 
     def wrench(self, scene: Scene) -> np.ndarray:
         """0.5 N at 10 cm."""
@@ -132,7 +139,7 @@ class CableStickSlip(HiddenEffect):
     @property
     def signature(self) -> dict[str, object]:
         """A sawtooth over the displacement."""
-        return {"correlates_with": "position", "frame": "world", "channels": ["force", "torque"]}
+        return _BY_POSITION
 
     def wrench(self, scene: Scene) -> np.ndarray:
         """Spring to where the cable sticks; beyond the limit it slips and keeps a part."""

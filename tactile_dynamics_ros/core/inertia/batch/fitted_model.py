@@ -269,7 +269,7 @@ class FittedModel:
 
     @cached_property
     def white_lasting_errors(self) -> Array:
-        """(6 N, 9 + 10 C) white wrenches of presumed lasting errors, see `systematic`."""
+        """(6 N, 9 + 13 C) white wrenches of presumed lasting errors, see `systematic`."""
         lever = systematic_lever(self.samples[0])
         white = whiten_stretches(self.stretches, [lasting_basis(s, lever) for s in self.samples])
         return np.asarray(white @ with_gains(white.shape[1]))

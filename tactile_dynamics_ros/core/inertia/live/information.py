@@ -158,7 +158,7 @@ class LastingErrors:
         self._target = np.zeros(SYSTEMATIC_SIZE)
 
     def add(self, jacobian: Array, target: Array, basis: Array) -> None:
-        """Add one sample's white rows J (6, n), t (6,) and B (6, 9 + 9 C)."""
+        """Add one sample's white rows J (6, n), t (6,) and B (6, 9 + 12 C)."""
         missing = basis.shape[1] - len(self._target)
         if missing > 0:
             self._cross = np.pad(self._cross, ((0, 0), (0, missing)))

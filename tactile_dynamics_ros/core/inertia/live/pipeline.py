@@ -44,7 +44,7 @@ class WhiteRows:
         time: s.
         jacobian: (6, 10) by phi; target: (6,).
         noise: (6, 10) a draw of the noise that J carries.
-        lasting: (6, 9 + 9 C) presumed errors that last, see `systematic.lasting_basis`.
+        lasting: (6, 9 + 12 C) presumed errors that last, see `systematic.lasting_basis`.
         weight: share of it that is believed, 0 to 1.
         noise_ratio: its variance over the stated one, see `Judge.noise`.
         residual: (6,) unwhitened, at the phi of its time.

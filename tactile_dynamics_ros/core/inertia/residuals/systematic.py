@@ -106,12 +106,12 @@ def systematic_basis(rotation: Array, lever: float) -> Array:
 
 
 def sensor_basis(samples: WrenchSamples) -> Array:
-    """Wrenches (N, 6, 12 C) of unit errors of each sensor: of places of contacts, m, and mixings.
+    """Wrenches (N, 6, 12 C) of unit errors of sensors, twelve of each: place, m, and mixings.
 
-    The first 3 C are moments e_i x f about the axes e_i of each sensor, f its force. Then come for
-    each contact e_i e_j^T f for all axes i and j, f its torque and force: any matrix that
-    multiplies what a sensor measures is a sum of them. None of an only sensor, (N, 6, 0), whose
-    gain is a heavier load.
+    Those of a sensor are moments e_i x f about its axes e_i, f its force, and e_i e_j^T f for all
+    axes i and j, f its torque and force: any matrix that multiplies what a sensor measures is a sum
+    of these. Sensors follow each other, so that one that comes later adds columns at the end. None
+    of an only sensor, (N, 6, 0), whose gain is a heavier load.
     """
     count, contacts = samples.contact_force.shape[:2]
     if contacts < 2:
@@ -121,11 +121,11 @@ def sensor_basis(samples: WrenchSamples) -> Array:
     force = np.einsum("ncxi,ncyj,ncy->ncijx", axes, axes, samples.contact_force)
     own = np.einsum("ncxi,ncyj,ncy->ncijx", axes, axes, samples.contact_torque)
     torque = cross(samples.contact_point[:, :, None, None], force) + own
-    mixed = np.concatenate([torque, force], axis=-1).reshape(count, 9 * contacts, 6)
-    moment = cross(np.swapaxes(axes, 2, 3), samples.contact_force[:, :, None])
-    places = np.zeros((count, 3 * contacts, 6))
-    places[:, :, :3] = moment.reshape(count, 3 * contacts, 3)
-    return np.swapaxes(np.concatenate([places, mixed], axis=1), 1, 2)
+    mixed = np.concatenate([torque, force], axis=-1).reshape(count, contacts, 9, 6)
+    places = np.zeros((count, contacts, 3, 6))
+    places[..., :3] = cross(np.swapaxes(axes, 2, 3), samples.contact_force[:, :, None])
+    columns = np.concatenate([places, mixed], axis=2).reshape(count, 12 * contacts, 6)
+    return np.swapaxes(columns, 1, 2)
 
 
 def lasting_basis(samples: WrenchSamples, lever: float) -> Array:
@@ -135,7 +135,7 @@ def lasting_basis(samples: WrenchSamples, lever: float) -> Array:
 
 
 def with_gains(columns: int) -> Array:
-    """Matrix (9 + 12 C, 9 + 13 C) that puts the C gains behind the constant errors.
+    """Matrix (9 + 12 C, 9 + 13 C) that sorts columns by kind: constant, gains, places, mixings.
 
     A gain is the sum of the three mixings of an axis with itself.
 
@@ -143,14 +143,10 @@ def with_gains(columns: int) -> Array:
         columns: 9 + 12 C, of `lasting_basis`.
     """
     every = np.eye(columns)
-    constant, places, mixed = np.split(every, [SYSTEMATIC_SIZE, _places(columns)], axis=1)
+    by_sensor = every[:, SYSTEMATIC_SIZE:].reshape(columns, -1, 12)
+    places, mixed = (part.reshape(columns, -1) for part in np.split(by_sensor, [3], axis=2))
     gains = np.trace(mixed.reshape(columns, -1, 3, 3), axis1=2, axis2=3)
-    return np.concatenate([constant, gains, places, mixed], axis=1)
-
-
-def _places(columns: int) -> int:
-    """End of the places of contacts in 9 + 12 C columns."""
-    return SYSTEMATIC_SIZE + (columns - SYSTEMATIC_SIZE) // 4
+    return np.concatenate([every[:, :SYSTEMATIC_SIZE], gains, places, mixed], axis=1)
 
 
 def systematic_variances(mixing: Array, white: Array) -> list[tuple[float, Array]]:
