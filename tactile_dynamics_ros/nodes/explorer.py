@@ -86,6 +86,7 @@ class Run:
         actions: done, as told in the end. rivals: of the last action, as JSON.
         choosing: while that runs. choice: made. performance: while it is carried out.
         fits: estimates before the last push. since: monotonic s, when it ended.
+        touched: whether it touched anything, so that an estimate of it will come.
         stopped: pushes that too much force has stopped, or an arm that could not follow.
     """
 
@@ -99,6 +100,7 @@ class Run:
     performance: Performance | None = None
     fits: int = 0
     since: float = -np.inf
+    touched: bool = False
     stopped: int = 0
 
     @property
@@ -226,12 +228,13 @@ class ExplorerNode(Shell):
         if performance.why:
             self._interrupt(run, performance)
         elif performance.finished:
-            self._conclude(run, performance.holes)
+            self._conclude(run, performance)
 
     def _interrupt(self, run: Run, performance: Performance) -> None:
         """Draw back from too much force, or from where the arm cannot go; end for all else."""
         if run.actions:
             run.actions[-1]["stopped"] = performance.why
+        run.touched = run.touched or performance.touched
         goes_on = performance.pressed or performance.astray
         run.stopped += goes_on
         if not goes_on or run.stopped > _STOPPED:
@@ -252,12 +255,16 @@ class ExplorerNode(Shell):
         back = drawing_back(self.scene.seen().tip, direction, self.way, self.scene.support)
         return self._freeing() or Performance(back, Guard(self.guard, unloads=True))
 
-    def _conclude(self, run: Run, holes: int) -> None:
-        """Wait for what a motion has told, if it was a push."""
-        run.performance = None
-        if run.actions:
-            if holes:
-                run.actions[-1]["jerked"] = f"{holes} gaps between poses of the tip, {JERKED}"
+    def _conclude(self, run: Run, performance: Performance) -> None:
+        """Wait for the estimate from a motion, if it was a push that touched anything."""
+        run.performance, holes = None, performance.holes
+        run.touched = run.touched or performance.touched
+        if run.actions and holes:
+            run.actions[-1]["jerked"] = f"{holes} gaps between poses of the tip, {JERKED}"
+        if run.actions and not run.touched:
+            run.actions[-1]["missed"] = "no force was felt and nothing moved"
+            self._tell("missed", "no force was felt and nothing moved: no estimate is awaited")
+        elif run.actions:
             run.since = time.monotonic()
             self._tell("waiting", "for the estimate from this push")
             if self._pair is not None and run.waits:
@@ -291,7 +298,9 @@ class ExplorerNode(Shell):
             self._choose(run)
 
     def _is_judged(self, run: Run) -> bool:
-        """Whether the estimate of the last push has come."""
+        """Whether the estimate of the last push has come, or there is nothing to estimate."""
+        if run.actions and not run.touched:
+            return True
         return self.scene.fits > run.fits if self._pair is None else not self._pair.busy
 
     def _is_late(self, run: Run) -> bool:
@@ -330,6 +339,7 @@ class ExplorerNode(Shell):
             self._finish(str(error), False)
             return
         run.fits, run.performance = self.scene.fits, Performance(action, Guard(self.guard))
+        run.touched = False
         run.actions.append(choice.to_json(seen.pose) | {"part": run.part + 1})
         run.rivals = json.dumps(choice.rivals_json(seen.pose))
         self._tell("pushing", choice.because)

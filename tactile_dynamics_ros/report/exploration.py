@@ -26,7 +26,7 @@ TITLES = {
     "com_y": "centre of mass y",
 }
 """Quantities as charts and tables name them."""
-REMARKS = ("chosen_because", "stopped", "jerked", "late")
+REMARKS = ("chosen_because", "stopped", "jerked", "missed", "late")
 """Entries of a push that say why it was chosen, and what went wrong with it."""
 COLOURS = (BLUE, GREEN)
 """Of the parts of an object."""

@@ -356,6 +356,7 @@ def test_where_the_arm_cannot_go_the_explorer_draws_back_and_pushes_elsewhere(be
     first, second = told["actions"]
     assert first["stopped"] == "the arm does not follow its targets"
     assert "stopped" not in second and first["speed"] == second["speed"]
+    assert "missed" in first and "missed" not in second and "late" not in first
     assert np.hypot(*np.subtract(first["point"], second["point"])) > 0.02
     assert table.pose[0] != 0.46  # it was pushed
 

@@ -26,6 +26,10 @@ _MOST_STEP = 0.04
 """s by which a motion goes on from one pose of the tip to the next: four periods of 100 Hz, 12 mm
 of travel. Longer gaps between poses make the motion wait instead of leap."""
 
+_MOVED = 2e-3
+"""m by which an object has to come elsewhere to have been touched, where no force is felt: poses of
+cameras are right to 1 mm."""
+
 
 @dataclass(frozen=True)
 class WayConfig(StraightConfig):
@@ -68,6 +72,7 @@ class Performance:
 
     Attributes:
         finished: whether it has ended. why: it was stopped; empty if it was not.
+        touched: whether a force was felt or the object moved.
         width: m, of the jaws now; None before the first answer.
     """
 
@@ -87,8 +92,9 @@ class Performance:
         return self._guard.astray
 
     def __init__(self, action: StraightAction, guard: Guard) -> None:
-        self.finished, self.why = False, ""
+        self.finished, self.why, self.touched = False, "", False
         self.width: float | None = None
+        self._lay: Array | None = None
         self._action, self._guard = action, guard
         self._clock = Clock()
         self._target: Array | None = None
@@ -96,6 +102,9 @@ class Performance:
     def advance(self, seen: Seen) -> Array:
         """Return where the tip should be now, (4,)."""
         self.why = self.why or self._guard.reason(seen, self._target)
+        self._lay = seen.pose if self._lay is None else self._lay
+        moved = np.hypot(*(seen.pose - self._lay)[:2]) > _MOVED
+        self.touched = self.touched or seen.force > 0.0 or bool(moved)
         time = self._clock.advance(seen.time)
         self.finished = bool(self.why) or time > self._action.duration + _SETTLING
         if self.why:
