@@ -16,7 +16,11 @@ from tactile_dynamics_ros.core.inertia.batch.uncertainty import unexcited_direct
 from tactile_dynamics_ros.core.inertia.estimate import estimate as estimate_body
 from tactile_dynamics_ros.core.inertia.live.replay import replay_streams
 from tactile_dynamics_ros.core.inertia.residuals.contact_grid import choose_grid
-from tactile_dynamics_ros.core.inertia.residuals.latent import LatentSignal, isotropic_factor
+from tactile_dynamics_ros.core.inertia.residuals.latent import (
+    LatentSignal,
+    Sensitivity,
+    isotropic_factor,
+)
 from tactile_dynamics_ros.core.inertia.residuals.newton_euler_residual import WrenchProblem
 from tactile_dynamics_ros.core.numerics.banded import BandedWhitener
 from tactile_dynamics_ros.core.numerics.least_squares import levenberg_marquardt
@@ -185,12 +189,14 @@ def test_sensitivities_match_finite_differences_of_the_residual(recording, offse
     rng = np.random.default_rng(0)
     found = replace(problem, smooth=problem.raw).linearise(phi, *model)
     inner = slice(20 * 6, -20 * 6)
-    for name, matrix, factor in zip(found.names, found.sensitivities, found.factors, strict=True):
+    for name, moves, factor in zip(found.names, found.sensitivities, found.factors, strict=True):
         share = 1e-4 * rng.normal(size=(len(factor), 3))
         step = np.einsum("kij,kj->ki", factor, share)
         moved = replace(problem, raw=problem.raw.corrected({name: step}))
         change = (moved.residual(phi, *model) - problem.residual(phi, *model)).ravel()[inner]
-        predicted = (matrix @ share.ravel())[inner]
+        predicted, values = moves.moved(share)[inner], rng.normal(size=6 * problem.count)
+        assert_allclose(moves.matrix() @ share.ravel(), moves.moved(share), atol=1e-12)
+        assert_allclose(moves.matrix().T @ values, moves.pulled_back(values).ravel(), atol=1e-12)
         assert_allclose(change, predicted, atol=share_off * np.abs(predicted).max(), err_msg=name)
 
 
@@ -220,7 +226,7 @@ def test_banded_whitener_equals_dense_cholesky():
     time = np.arange(40) * 0.01
     functional = local_polynomial(time, time[5:30], Window(0.03, 3))
     signal = LatentSignal(functional, isotropic_factor(40, 0.3))
-    matrix = signal.scaled_sensitivity(rng.normal(size=(25, 3, 6, 3)))
+    matrix = Sensitivity(signal, rng.normal(size=(25, 3, 6, 3)), np.arange(25)).matrix()
     extra = rng.uniform(1.0, 2.0, 150)
     dense = np.linalg.cholesky((matrix @ matrix.T).toarray() + np.diag(extra))
     values = rng.normal(size=(150, 2))
@@ -236,9 +242,11 @@ def test_covariance_of_windows_that_share_samples_unevenly_equals_the_dense_one(
     grid = np.delete(np.arange(time[6], time[-6], 0.01), slice(20, 24))
     wide, narrow = (local_polynomial(time, grid, Window(half, 2)) for half in (0.03, 0.005))
     matrices = [
-        LatentSignal(functional, isotropic_factor(len(time), std)).scaled_sensitivity(
-            rng.normal(size=(len(grid), orders, 6, 3))
-        )
+        Sensitivity(
+            LatentSignal(functional, isotropic_factor(len(time), std)),
+            rng.normal(size=(len(grid), orders, 6, 3)),
+            np.arange(len(grid)),
+        ).matrix()
         for functional, std, orders in ((wide, 1e-3, 3), (wide, 2e-3, 3), (narrow, 0.5, 1))
     ]
     extra = rng.uniform(1.0, 2.0, 6 * len(grid))

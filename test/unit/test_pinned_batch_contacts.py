@@ -80,7 +80,7 @@ def problem() -> WrenchProblem:
 def share(problem: WrenchProblem, name: str) -> np.ndarray:
     """Covariance (N, 6, 6) of each residual from one signal."""
     linearisation = problem.linearise(PHI)
-    matrix = linearisation.sensitivities[linearisation.names.index(name)]
+    matrix = linearisation.sensitivities[linearisation.names.index(name)].matrix()
     whole = (matrix @ matrix.T).toarray()
     return np.stack([whole[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] for k in range(problem.count)])
 
@@ -130,7 +130,7 @@ def test_residuals_move_with_each_sample_as_the_whitening_says(exact, name):
     """By differences: one sample of the measured signals is moved, the windows read it."""
     linearisation = exact.linearise(PHI)
     at = linearisation.names.index(name)
-    moves, factor = linearisation.sensitivities[at].toarray(), linearisation.factors[at]
+    moves, factor = linearisation.sensitivities[at].matrix().toarray(), linearisation.factors[at]
     start = exact.residual(PHI)
     for sample in (60, 75, 91):
         for axis in range(3):

@@ -106,13 +106,14 @@ class _Projection:
 
 def _project(columns: Array, basis: Array, residual: Array, starts: Index) -> _Projection:
     whole = np.linalg.norm(columns, axis=0)
-    beside = columns - basis @ (basis.T @ columns)
-    length = np.linalg.norm(beside, axis=0)
+    unit = columns - basis @ (basis.T @ columns)
+    length = np.linalg.norm(unit, axis=0)
     scale = np.where(length > 1e-4 * np.maximum(whole, 1e-300), length, np.inf)
-    unit = beside / scale
-    windows = window_rows(starts, len(unit))
-    grams = np.stack([unit[rows].T @ unit[rows] for rows in windows])
-    return _Projection(scale, grams, np.add.reduceat(unit * residual[:, None], starts, axis=0))
+    unit /= scale
+    windows = [unit[rows] for rows in window_rows(starts, len(unit))]
+    remains = np.split(residual, starts[1:])
+    shares = [window.T @ rest for window, rest in zip(windows, remains, strict=True)]
+    return _Projection(scale, np.stack([w.T @ w for w in windows]), np.stack(shares))
 
 
 def _score(

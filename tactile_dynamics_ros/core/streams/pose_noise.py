@@ -75,6 +75,10 @@ def read_covariances(covariance: Array, planar: bool = False) -> StatedNoise:
         planar: whether x, y and yaw alone count, of what lies on a table: trackers of markers state
             anything of the others.
     """
+    new = np.any(covariance[1:] != covariance[:-1], axis=(1, 2))
+    # most trackers state the same again and again
+    begins = np.flatnonzero(np.append(True, new)[: len(covariance)])
+    of, covariance = np.diff(begins, append=len(covariance)), covariance[begins]
     finite: Mask = np.asarray(np.isfinite(covariance).all(axis=(1, 2)))
     clean = np.clip(np.where(finite[:, None, None], covariance, 0.0), -_HUGE, _HUGE)
     symmetric = 0.5 * (clean + np.swapaxes(clean, 1, 2))
@@ -89,11 +93,13 @@ def read_covariances(covariance: Array, planar: bool = False) -> StatedNoise:
         INDEFINITE: finite & ~absent & ~definite,
         TOO_SMALL: small,
     }
-    mistakes = {kind: int(found.sum()) for kind, found in mistaken.items() if found.any()}
+    mistakes = {kind: int(of[found].sum()) for kind, found in mistaken.items() if found.any()}
     lost = (variances[:, 1, -1] > LOST_POSITION_STD**2) | (
         variances[:, 0, 0] > LOST_ROTATION_STD**2
     )
-    return StatedNoise(symmetric, definite & ~small, mistakes, definite & lost)
+    found = (np.repeat(one, of, axis=0) for one in (symmetric, definite & ~small, definite & lost))
+    symmetric, stated, lost = found
+    return StatedNoise(symmetric, stated, mistakes, lost)
 
 
 def _on_table(covariance: Array) -> Array:

@@ -46,7 +46,7 @@ def widen_by_pose_noise(
     """
     if streams.pose is None or not any(effect.rings for effect in model.effects):
         return model
-    config = config or BatchConfig()
+    config = (config or BatchConfig()).paced(sum(np.ptp(s.problem.grid) for s in model.stretches))
     noisy = replace(streams, pose=_disturbed(streams.pose))
     problems = [
         WrenchProblem.try_from_streams(

@@ -64,6 +64,7 @@ def fit_representative(
     count = int((grid[-1] - grid[0]) // max(STRETCH, FEWEST * float(np.median(np.diff(grid)))))
     if count <= EVEN + WORST:
         return fit_recording(streams, effects, config)
+    config = config.paced((EVEN + WORST) * STRETCH)
     edges = np.linspace(grid[0], grid[-1] + 1e-6, count + 1)
     chosen = _evenly(_held(streams, edges))
     read = _read(streams, config, edges, chosen)

@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import bsr_array
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W, WrenchSamples
@@ -32,7 +31,7 @@ from tactile_dynamics_ros.core.inertia.residuals.contact_grid import (
     choose_grid,
     contact_signals,
 )
-from tactile_dynamics_ros.core.inertia.residuals.latent import LatentSignal
+from tactile_dynamics_ros.core.inertia.residuals.latent import LatentSignal, Sensitivity
 from tactile_dynamics_ros.core.inertia.residuals.motion import motion_period, motion_signals
 from tactile_dynamics_ros.core.inertia.residuals.sampled_signals import SampledSignals
 from tactile_dynamics_ros.core.inertia.residuals.sensitivity import (
@@ -290,17 +289,18 @@ class WrenchProblem:
         wanted = self.samples.time - late * self._period
         then = nearest_samples(self.samples.time, wanted)
         unread = np.abs(wanted - self.samples.time[then]) > _READ_NEAR * self._period
-        names, matrices, factors = [], [], []
+        names, found, factors = [], [], []
         for name, signal, sensitivity in self._signals(moved):
             if name in by_force:
                 sensitivity = sensitivity + by_force[name]
             rows = now if name.startswith(("force:", "torque:")) else then
             names.append(name)
-            matrices.append(signal.scaled_sensitivity(sensitivity[rows], places[rows]))
+            found.append(Sensitivity(signal, sensitivity[rows], places[rows]))
             factors.append(signal.noise_factor)
         extra = np.where(unread, _UNREAD_VARIANCE, self.extra_variance[self.valid] + VARIANCE_FLOOR)
+        matrices = [one.matrix() for one in found]
         whitener = BandedWhitener.from_sensitivities(matrices, np.repeat(extra, 6))
-        return Linearisation(tuple(names), tuple(matrices), tuple(factors), whitener)
+        return Linearisation(tuple(names), tuple(found), tuple(factors), whitener)
 
     def denoised(self, corrections: dict[str, Array]) -> WrenchProblem:
         """Return the problem whose regressors see the measured signals moved by corrections."""
@@ -354,7 +354,7 @@ class Linearisation:
     """
 
     names: tuple[str, ...]
-    sensitivities: tuple[bsr_array, ...]
+    sensitivities: tuple[Sensitivity, ...]
     factors: tuple[Array, ...]
     whitener: BandedWhitener
 
@@ -364,7 +364,8 @@ class Linearisation:
 
     def draw_noise(self, rng: np.random.Generator) -> Array:
         """(6 N,) one draw of the residual's noise, from that of every signal."""
-        parts = [a @ rng.normal(size=a.shape[1]) for a in self.sensitivities]
+        pairs = zip(self.sensitivities, self.factors, strict=True)
+        parts = [a.moved(rng.normal(size=(len(factor), 3))) for a, factor in pairs]
         return np.asarray(np.sum(parts, axis=0))
 
     def draw_errors(self, rng: np.random.Generator, denoised: bool) -> dict[str, Array]:
@@ -379,7 +380,7 @@ class Linearisation:
         errors = {name: np.einsum("kij,kj->ki", factor, z) for name, factor, z in motion}
         if not denoised:
             return errors
-        made = sum(a @ z.ravel() for a, z in zip(self.sensitivities, standard, strict=True))
+        made = sum(a.moved(z) for a, z in zip(self.sensitivities, standard, strict=True))
         expected = self.denoise(self.whitener.whiten(np.asarray(made)))
         return {name: error + expected[name] for name, error in errors.items()}
 
@@ -392,8 +393,7 @@ class Linearisation:
         noise = white_residual if trusting else expected_noise(white_residual)
         share = self.whitener.whiten_transposed(np.stack([white_residual, noise], axis=1))
         corrections = {}
-        for name, matrix, factor in zip(self.names, self.sensitivities, self.factors, strict=True):
-            weighted = share[:, 0 if ":" in name else 1]
-            standard = -(matrix.T @ weighted).reshape(-1, 3)
+        for name, moves, factor in zip(self.names, self.sensitivities, self.factors, strict=True):
+            standard = -moves.pulled_back(share[:, 0 if ":" in name else 1])
             corrections[name] = np.einsum("kij,kj->ki", factor, standard)
         return corrections
