@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.biotac_press_rig import calibrate_units
+from benchmarks.support.hand_contacts import hand_contacts
 from tactile_dynamics_ros.core.contact.contact_state import (
     Contact,
     ContactState,
@@ -20,7 +21,6 @@ from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.core.tactile.calibration import NORMAL_90
 from tactile_dynamics_ros.core.tactile.estimators import create_force_estimator
 from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
-from tactile_dynamics_ros.core.tactile.hand_contacts import hand_contacts
 from tactile_dynamics_ros.sim.simulated_robot import Readings, SimulatedRobot, SimulatedRobotConfig
 
 ROBOT = load_robot()

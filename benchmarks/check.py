@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.page_section import compose_section, section_parser, show
+from benchmarks.support.planned import record_plan
 from tactile_dynamics_ros.api.checks import check_recording
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import (
     PARAMETER_NAMES,
@@ -25,7 +26,6 @@ from tactile_dynamics_ros.synthetic import (
     SensorOptions,
     generate,
 )
-from tactile_dynamics_ros.synthetic.planned import record_plan
 
 FIRST_SEED = 25000
 """Seeds from here on were not used for tuning (700 to 702 were)."""

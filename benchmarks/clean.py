@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.page_section import compose_section, replace_section
+from benchmarks.support.carried import CarriedOptions, generate_carried
 from tactile_dynamics_ros.core.discrepancy.comparison import compare
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.discrepancy.explanation import ask_twice
@@ -23,7 +24,6 @@ from tactile_dynamics_ros.core.inertia.diagnosis.readings import (
 from tactile_dynamics_ros.core.inertia.estimate import estimate
 from tactile_dynamics_ros.core.streams.streams import Streams
 from tactile_dynamics_ros.synthetic import ScenarioOptions, SensorOptions, generate
-from tactile_dynamics_ros.synthetic.carried import CarriedOptions, generate_carried
 from tactile_dynamics_ros.synthetic.objects import HeldObject
 
 SIZES = (5e-5, 1e-4, 2e-4, 5e-4, 1e-3)

@@ -15,11 +15,11 @@ from typing import Any
 
 from benchmarks.effects.cases import STRONG, Case
 from benchmarks.effects.product import ask_command
+from benchmarks.support.conventions import MISTAKES, OF_FINGERS, OF_IMU, mistaken
+from benchmarks.support.tables import WristOptions, finger_table, wrist_table
 from tactile_dynamics_ros.core.inertia.diagnosis.misreading import question
 from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.synthetic import CATALOGUE
-from tactile_dynamics_ros.synthetic.conventions import MISTAKES, OF_FINGERS, OF_IMU, mistaken
-from tactile_dynamics_ros.synthetic.tables import WristOptions, finger_table, wrist_table
 
 RECORDS = Path("out/bench_conventions/records.jsonl")
 REPORT_START = 11

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.page_section import compose_section, section_parser, show
+from benchmarks.support.tables import WristOptions, wrist_scenario, wrist_table
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.discrepancy.documents import diagnosis_document
 from tactile_dynamics_ros.core.effects import create_effects
@@ -20,7 +21,6 @@ from tactile_dynamics_ros.core.inertia.estimate import estimate
 from tactile_dynamics_ros.core.streams.streams import Streams
 from tactile_dynamics_ros.synthetic import CATALOGUE, generate, generate_at_whitened_rms
 from tactile_dynamics_ros.synthetic.effects import create_hidden_effect
-from tactile_dynamics_ros.synthetic.tables import WristOptions, wrist_scenario, wrist_table
 
 FIRST_SEED = 61000
 """Seeds from here on were not used for tuning (those of tests are below 100)."""

@@ -11,11 +11,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.recording import Recording
-from tactile_dynamics_ros.recording.importers.csv_mapping import read_mapping
-from tactile_dynamics_ros.recording.importers.guess import guess_tables
-from tactile_dynamics_ros.synthetic.layouts import (
+from benchmarks.support.layouts import (
     LAYOUTS,
     STATIC,
     UNSEEN,
@@ -23,6 +19,10 @@ from tactile_dynamics_ros.synthetic.layouts import (
     Layout,
     WristLog,
 )
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.recording import Recording
+from tactile_dynamics_ros.recording.importers.csv_mapping import read_mapping
+from tactile_dynamics_ros.recording.importers.guess import guess_tables
 
 RIGHT, ASKS, WRONG = "right", "asks", "wrong"
 _ANGLE, _PLACE_M, _FORCE_N, _TORQUE_NM = 0.01, 1e-3, 0.05, 5e-3

@@ -15,6 +15,7 @@ from unittest.mock import patch
 import numpy as np
 
 from benchmarks.page_section import replace_section
+from benchmarks.support.regimes import CASES, acts_at, generate_in_regime
 from tactile_dynamics_ros.core.discrepancy import diagnosis
 from tactile_dynamics_ros.core.effects.registry import create_effect
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
@@ -24,7 +25,6 @@ from tactile_dynamics_ros.core.numerics.regime import split_label
 from tactile_dynamics_ros.synthetic import CATALOGUE, generate, generate_at_whitened_rms
 from tactile_dynamics_ros.synthetic.effects.gated import Gated
 from tactile_dynamics_ros.synthetic.recordings import HiddenRecording
-from tactile_dynamics_ros.synthetic.regimes import CASES, acts_at, generate_in_regime
 
 FIRST_SEED = 48000
 """Seeds from here on were not used for tuning (3 and 700 to 760 were)."""

@@ -9,6 +9,7 @@ from typing import Any
 
 from benchmarks.effects.cases import Case
 from benchmarks.page_section import compose_section, section_parser, show
+from benchmarks.support.planned import record_plan
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.discrepancy.documents import Document, diagnosis_document
 from tactile_dynamics_ros.core.discrepancy.explanation import ask_twice
@@ -19,7 +20,6 @@ from tactile_dynamics_ros.core.inertia.diagnosis.readings import (
 )
 from tactile_dynamics_ros.core.streams.joining import join_streams
 from tactile_dynamics_ros.core.streams.streams import Streams
-from tactile_dynamics_ros.synthetic.planned import record_plan
 
 FIRST_SEED = 22000
 """Seeds from here on were not used for tuning (300 and 301 were)."""

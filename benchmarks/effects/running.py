@@ -18,9 +18,9 @@ import numpy as np
 
 from benchmarks.effects.cases import Case
 from benchmarks.effects.product import Answer, Ask, ask_command
+from benchmarks.support.planned import record_plan
 from tactile_dynamics_ros.synthetic.bag import write_bag
 from tactile_dynamics_ros.synthetic.calibration import excess_by_channel, excess_rms
-from tactile_dynamics_ros.synthetic.planned import record_plan
 from tactile_dynamics_ros.synthetic.recordings import HiddenRecording
 
 

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.support.pushing_robot import PushOptions, drawn_action, perform
 from tactile_dynamics_ros.core.errors import NotIdentifiableError, TactileDynamicsError
 from tactile_dynamics_ros.core.planar.diagnosis.changed import diagnose_change
 from tactile_dynamics_ros.core.planar.filter.live import LiveProperties
 from tactile_dynamics_ros.core.planar.filter.record import PushWindow
 from tactile_dynamics_ros.core.planar.filter.tracker import Felt
 from tactile_dynamics_ros.core.planar.properties.estimate import estimate
-from tactile_dynamics_ros.sim.planar.pushing import PushOptions, drawn_action, perform
 from tactile_dynamics_ros.sim.planar.simulated_table import (
     SimulatedTable,
     SimulatedTableConfig,

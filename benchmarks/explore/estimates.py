@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from benchmarks.explore.goals import BOUNDS
 from benchmarks.explore.stage import RATE, planar
 from benchmarks.pushed.simulated import errors
+from benchmarks.support.pushing_robot import ReadingLog, perform
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.planar.actions.affordances import (
     ExploreConfig,
@@ -26,7 +27,6 @@ from tactile_dynamics_ros.core.planar.actions.straight import StraightAction
 from tactile_dynamics_ros.core.planar.control.guard import Seen
 from tactile_dynamics_ros.core.planar.control.performance import WayConfig, action_of
 from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate, estimate
-from tactile_dynamics_ros.sim.planar.pushing import ReadingLog, perform
 from tactile_dynamics_ros.sim.planar.simulated_table import (
     SimulatedTable,
     SimulatedTableConfig,

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from benchmarks.explore.searches import Averaged, PathIntegral, PlainSearch
 from benchmarks.explore.stage import Stage
+from benchmarks.peers.centring import CentringPusher
+from benchmarks.support.pushing_robot import PushOptions, simulate_pushes
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
-from tactile_dynamics_ros.core.planar.control.centring import CentringPusher
 from tactile_dynamics_ros.core.planar.control.controller import PushController
 from tactile_dynamics_ros.core.planar.control.plan import Bounds, PushPlanner
 from tactile_dynamics_ros.core.planar.control.prediction import PushedBody
 from tactile_dynamics_ros.core.planar.properties.estimate import estimate
-from tactile_dynamics_ros.sim.planar.pushing import PushOptions, simulate_pushes
 from tactile_dynamics_ros.sim.planar.simulated_table import SimulatedTableConfig
 from tactile_dynamics_ros.sim.planar_objects import planar_object
 

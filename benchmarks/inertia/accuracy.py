@@ -14,9 +14,9 @@ from benchmarks.inertia.scenarios import TABLE_ONE_VARIANCES, Case, four_fingers
 from benchmarks.inertia.scores import Score, medians
 from benchmarks.peers.paper_a import METHODS, TimeSteps, estimate_as_published
 from benchmarks.peers.paper_a.methods import PublishedConfig
+from benchmarks.support.live_replay import replay_streams
 from tactile_dynamics_ros.core.inertia.batch.batch import fit_recording
 from tactile_dynamics_ros.core.inertia.estimate import estimate as estimate_body
-from tactile_dynamics_ros.core.inertia.live.replay import replay_streams
 
 PUBLISHED_EQ_34 = {
     "Baseline": "4.1-4.4",

@@ -22,9 +22,9 @@ from benchmarks.inertia.published import (
 )
 from benchmarks.inertia.scores import Score, deviations
 from benchmarks.peers.paper_a import METHODS, TimeSteps, estimate_as_published
+from benchmarks.support.live_replay import replay_streams
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import PARAMETER_NAMES
 from tactile_dynamics_ros.core.inertia.estimate import estimate as estimate_body
-from tactile_dynamics_ros.core.inertia.live.replay import replay_streams
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 from tactile_dynamics_ros.core.streams.streams import ContactStream, PoseStream, Streams

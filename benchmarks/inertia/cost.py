@@ -13,9 +13,9 @@ import psutil
 
 from benchmarks.inertia.peers import SmoothedData, batch_resolve, plain_isam2
 from benchmarks.inertia.scenarios import Case, four_fingers
+from benchmarks.support.live_replay import replay_streams
 from tactile_dynamics_ros.core.inertia.estimate import estimate as estimate_body
 from tactile_dynamics_ros.core.inertia.live import IncrementalInertialEstimator
-from tactile_dynamics_ros.core.inertia.live.replay import replay_streams
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     InertialParameters,
     affine_invariant_distance,

@@ -10,12 +10,12 @@ import numpy as np
 
 from benchmarks.inertia.scenarios import Case, four_fingers, from_recording
 from benchmarks.inertia.scores import deviations
+from benchmarks.support.live_replay import replay_streams
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import (
     PARAMETER_NAMES,
     InertialEstimate,
 )
 from tactile_dynamics_ros.core.inertia.estimate import estimate as estimate_body
-from tactile_dynamics_ros.core.inertia.live.replay import replay_streams
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     InertialParameters,
     is_feasible,

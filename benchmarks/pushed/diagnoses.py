@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks.pushed import linked
+from benchmarks.support.pushing_robot import simulate_pushes
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.numerics.regime import split_label
 from tactile_dynamics_ros.core.planar.diagnosis.discrepancy_model import PushDiscrepancy
 from tactile_dynamics_ros.core.planar.streams import PushedStreams
-from tactile_dynamics_ros.sim.planar.pushing import simulate_pushes
 from tactile_dynamics_ros.sim.planar.simulated_table import SimulatedTableConfig
 from tactile_dynamics_ros.synthetic import pushed
 

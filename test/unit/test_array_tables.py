@@ -7,11 +7,11 @@ import pytest
 from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
+from benchmarks.support.layouts import WristLog
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.recording.importers.csv_mapping import read_mapping
 from tactile_dynamics_ros.recording.importers.guess import guess_tables
 from tactile_dynamics_ros.recording.importers.tables import read_tables
-from tactile_dynamics_ros.synthetic.layouts import WristLog
 
 
 @pytest.fixture

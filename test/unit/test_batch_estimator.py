@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from benchmarks.support.live_replay import replay_streams
 from tactile_dynamics_ros.core.effects import create_effect
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.batch.batch import fit_recording
 from tactile_dynamics_ros.core.inertia.batch.prior import LogCholeskyPrior
 from tactile_dynamics_ros.core.inertia.batch.uncertainty import unexcited_directions
 from tactile_dynamics_ros.core.inertia.estimate import estimate as estimate_body
-from tactile_dynamics_ros.core.inertia.live.replay import replay_streams
 from tactile_dynamics_ros.core.inertia.residuals.contact_grid import choose_grid
 from tactile_dynamics_ros.core.inertia.residuals.latent import (
     LatentSignal,

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.support.carried import CarriedOptions, generate_carried
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldObjectModel
 from tactile_dynamics_ros.core.inertia.diagnosis.readings import fit_with_readings
@@ -14,7 +15,6 @@ from tactile_dynamics_ros.core.inertia.residuals.newton_euler_residual import Wr
 from tactile_dynamics_ros.core.inertia.residuals.sensitivity import motion_sensitivity
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
-from tactile_dynamics_ros.synthetic.carried import CarriedOptions, generate_carried
 
 
 def true_parameters(recording):

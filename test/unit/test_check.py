@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import tactile_dynamics_ros as td
+from benchmarks.support.planned import record_plan
 from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.core.inertia.batch.batch import fit_body
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import PARAMETER_NAMES
@@ -19,7 +20,6 @@ from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.recording.rates import StreamRate
 from tactile_dynamics_ros.synthetic import ScenarioOptions, SensorOptions, generate
 from tactile_dynamics_ros.synthetic.bag import write_bag
-from tactile_dynamics_ros.synthetic.planned import record_plan
 
 CALM = ScenarioOptions(duration=4.0, band_hz=(0.2, 1.0), angle_peak_deg=(5.0, 15.0))
 

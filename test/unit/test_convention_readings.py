@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from benchmarks.support.conventions import MISTAKES, OF_FINGERS, OF_IMU, mistaken
+from benchmarks.support.tables import WristOptions, finger_table, wrist_table
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.conventions.balance import Evidence, thinned
 from tactile_dynamics_ros.core.inertia.conventions.catalogue import readings_of
@@ -16,8 +18,6 @@ from tactile_dynamics_ros.core.inertia.conventions.finder import assumed
 from tactile_dynamics_ros.core.inertia.conventions.motions import Motions
 from tactile_dynamics_ros.core.inertia.conventions.ranking import Readings
 from tactile_dynamics_ros.core.inertia.conventions.reading import CONVENTIONS
-from tactile_dynamics_ros.synthetic.conventions import MISTAKES, OF_FINGERS, OF_IMU, mistaken
-from tactile_dynamics_ros.synthetic.tables import WristOptions, finger_table, wrist_table
 
 ANGLE_FORMS = {"angle_unit": (0, 1, 2, 3)}
 

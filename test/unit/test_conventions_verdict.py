@@ -8,6 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.support.conventions import OF_IMU, mistaken
+from benchmarks.support.tables import WristOptions, wrist_table
 from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.discrepancy.documents import (
@@ -19,8 +21,6 @@ from tactile_dynamics_ros.core.discrepancy.explanation import explain
 from tactile_dynamics_ros.core.inertia.diagnosis.misreading import question
 from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.synthetic import ScenarioOptions, generate
-from tactile_dynamics_ros.synthetic.conventions import OF_IMU, mistaken
-from tactile_dynamics_ros.synthetic.tables import WristOptions, wrist_table
 
 
 def wrist(seed, mistake="", form=0, **options):

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from docs.effect_pages import PICTURES, make_effect_page, make_picture
+from docs.effect_signatures import compute_signature
 from tactile_dynamics_ros.core.effects import EFFECT_NAMES
 from tactile_dynamics_ros.core.effects.formula import load_effects
-from tactile_dynamics_ros.report.effect_pages import PICTURES, make_effect_page, make_picture
-from tactile_dynamics_ros.report.effect_signatures import compute_signature
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
@@ -45,7 +45,7 @@ def test_the_formula_on_the_page_is_read(tmp_path):
     ],
 )
 def test_effects_show_in_the_phase_that_excites_them(name, busy, quiet):
-    from tactile_dynamics_ros.report.effect_signatures import PHASES
+    from docs.effect_signatures import PHASES
 
     signature = compute_signature(name)
     size = np.linalg.norm(signature.force, axis=1) + 20 * np.linalg.norm(signature.torque, axis=1)

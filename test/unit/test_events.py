@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from benchmarks.support.tables import WristOptions, wrist_scenario, wrist_table
 from tactile_dynamics_ros import synthetic
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.discrepancy.documents import diagnosis_document
@@ -13,7 +14,6 @@ from tactile_dynamics_ros.core.inertia.diagnosis.live_check import compare_strea
 from tactile_dynamics_ros.core.inertia.diagnosis.misreading import question
 from tactile_dynamics_ros.core.inertia.estimate import estimate
 from tactile_dynamics_ros.synthetic.effects import create_hidden_effect
-from tactile_dynamics_ros.synthetic.tables import WristOptions, wrist_scenario, wrist_table
 
 BIAS = {"duration": 15.0, "bias_n": 4.0, "bias_nm": 0.1}
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.support.tables import WristOptions, wrist_table
 from tactile_dynamics_ros.core.inertia.batch.averaging import FAST, averaged
 from tactile_dynamics_ros.core.inertia.estimate import estimate
 from tactile_dynamics_ros.core.rigid_body.rotation import are_rotations
-from tactile_dynamics_ros.synthetic.tables import WristOptions, wrist_table
 
 
 def wrist(rate_hz, seed=3, duration=6.0):

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from synthetic_recording import COM, MASS, held_box
 
+from benchmarks.support.live_replay import replay_streams
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.batch.batch import fit_recording
 from tactile_dynamics_ros.core.inertia.live import (
@@ -24,7 +25,6 @@ from tactile_dynamics_ros.core.inertia.live.contact_queue import (
 )
 from tactile_dynamics_ros.core.inertia.live.information import SquareRootInformation
 from tactile_dynamics_ros.core.inertia.live.live_estimate import describe
-from tactile_dynamics_ros.core.inertia.live.replay import replay_streams
 from tactile_dynamics_ros.core.inertia.live.solver import DivergencePrior, SummarySolver
 from tactile_dynamics_ros.core.numerics.rolling_table import RollingTable
 from tactile_dynamics_ros.core.numerics.stream_whitening import StreamWhitener

@@ -10,12 +10,12 @@ import yaml
 from scipy.signal import savgol_filter
 
 from benchmarks.layouts import ASKS, RIGHT, WRONG, judge_layout
+from benchmarks.support.layouts import LAYOUTS, UNSEEN, UNTOLD, WristLog
+from benchmarks.support.layouts.wrist_log import GRAVITY_W, INERTIA_PER_MASS
+from benchmarks.support.layouts.writing import axes, write_table
 from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.recording.importers.csv_mapping import read_mapping
 from tactile_dynamics_ros.recording.importers.guess import Answers, guess_tables
-from tactile_dynamics_ros.synthetic.layouts import LAYOUTS, UNSEEN, UNTOLD, WristLog
-from tactile_dynamics_ros.synthetic.layouts.wrist_log import GRAVITY_W, INERTIA_PER_MASS
-from tactile_dynamics_ros.synthetic.layouts.writing import axes, write_table
 
 SECONDS = 6.0
 

@@ -12,13 +12,13 @@ from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
+from benchmarks.support.layouts import WristLog
+from benchmarks.support.layouts.bags import kuka_ros1, panda_poses, ur_frames
+from benchmarks.support.layouts.writing import write_table
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.recording.importers.csv_mapping import CsvMappingImporter
 from tactile_dynamics_ros.recording.importers.tables import read_table
-from tactile_dynamics_ros.synthetic.layouts import WristLog
-from tactile_dynamics_ros.synthetic.layouts.bags import kuka_ros1, panda_poses, ur_frames
-from tactile_dynamics_ros.synthetic.layouts.writing import write_table
 
 MAPPING = """
 contact_frame: object

@@ -9,6 +9,7 @@ import pytest
 
 from benchmarks.effects.cases import Case
 from benchmarks.inertia.boxes import wrist_recording
+from benchmarks.support.live_replay import replay_streams
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.discrepancy.explanation import ask_twice
 from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import assess
@@ -25,7 +26,6 @@ from tactile_dynamics_ros.core.inertia.live.contact_queue import (
     ContactQueue,
     ContactReading,
 )
-from tactile_dynamics_ros.core.inertia.live.replay import replay_streams
 from tactile_dynamics_ros.core.inertia.residuals.contact_grid import contact_signals
 from tactile_dynamics_ros.core.inertia.residuals.newton_euler_residual import ProblemConfig
 from tactile_dynamics_ros.core.numerics.local_polynomial import (

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from benchmarks.support.residual_map import residual_map
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.planar.sparse import fit as fit_module
 from tactile_dynamics_ros.core.planar.sparse import fit_sparse, product_between_rests
 from tactile_dynamics_ros.core.planar.sparse.pushes import cut_pushes
-from tactile_dynamics_ros.core.planar.sparse.residual_map import residual_map
 from tactile_dynamics_ros.recording.importers.goal_pushes_zhou2017 import (
     GoalPushesZhou2017Importer,
 )

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from benchmarks.support.pushing_robot import PushOptions, simulate_pushes
 from tactile_dynamics_ros.core.planar.actions.straight import StraightConfig, straight_action
 from tactile_dynamics_ros.core.planar.actions.travel import Travel
 from tactile_dynamics_ros.recording.pushed import PushedRecording, recorded_model
 from tactile_dynamics_ros.sim.planar.bed import GRAVITY, Surface, uneven_friction
 from tactile_dynamics_ros.sim.planar.pusher import Pusher, PusherConfig
-from tactile_dynamics_ros.sim.planar.pushing import PushOptions, simulate_pushes
 from tactile_dynamics_ros.sim.planar.simulated_table import SimulatedTableConfig
 from tactile_dynamics_ros.sim.planar.table import TableWorld
 from tactile_dynamics_ros.sim.planar_objects import PlanarObject, PlanarPart

@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from benchmarks.friction.generator import draw_surface, generate_events
 from benchmarks.local_terms import CASES, TRUE, ScalarModel, ask, make
+from benchmarks.support.regimes import acts_at, generate_in_regime
 from tactile_dynamics_ros.core.discrepancy.comparison import compare
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.discrepancy.documents import diagnosis_document
@@ -23,7 +24,6 @@ from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldOb
 from tactile_dynamics_ros.core.inertia.diagnosis.readings import fit_with_readings
 from tactile_dynamics_ros.core.numerics.regime import Regime, split_label
 from tactile_dynamics_ros.synthetic import ScenarioOptions
-from tactile_dynamics_ros.synthetic.regimes import acts_at, generate_in_regime
 
 DRAWS = 40
 

@@ -14,13 +14,13 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scipy.spatial.transform import Rotation
 
+from benchmarks.support.layouts import WristLog
 from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.recording.importers.bag_tables import read_topic
 from tactile_dynamics_ros.recording.importers.csv_mapping import read_mapping
 from tactile_dynamics_ros.recording.importers.guess import Answers, guess_tables
-from tactile_dynamics_ros.synthetic.layouts import WristLog
 
 EPOCH_NS = 1_717_000_000_000_000_000
 STORE = get_typestore(Stores.ROS2_JAZZY)

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.support.carried import CarriedOptions, generate_carried
 from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.core.effects.check import example_samples
 from tactile_dynamics_ros.core.effects.registry import create_effect
@@ -15,7 +16,6 @@ from tactile_dynamics_ros.core.inertia.residuals.newton_euler_residual import Wr
 from tactile_dynamics_ros.core.streams.joining import PAUSE, join_streams
 from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.synthetic.bag import write_bag
-from tactile_dynamics_ros.synthetic.carried import CarriedOptions, generate_carried
 
 SHORT = CarriedOptions(duration=10.0)
 

@@ -9,6 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.linalg import expm
 
+from benchmarks.support.slow import slow_logger
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.discrepancy.documents import explanation_document
 from tactile_dynamics_ros.core.discrepancy.explanation import explain
@@ -17,7 +18,6 @@ from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldOb
 from tactile_dynamics_ros.core.inertia.diagnosis.readings import fit_with_readings
 from tactile_dynamics_ros.core.inertia.estimate import estimate
 from tactile_dynamics_ros.core.inertia.residuals.contact_grid import choose_grid
-from tactile_dynamics_ros.synthetic.slow import slow_logger
 
 LOGGERS = [(6.0, 40.0), (5.0, 40.0), (2.0, 100.0), (1.0, 100.0), (0.5, 100.0)]
 

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from benchmarks.support.live_replay import replay_streams
+from benchmarks.support.static_poses import StaticLoad, hold_poses, weigh_poses
 from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.core.effects import create_effect
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import PARAMETER_NAMES
 from tactile_dynamics_ros.core.inertia.estimate import estimate
-from tactile_dynamics_ros.core.inertia.live.replay import replay_streams
 from tactile_dynamics_ros.core.numerics.local_polynomial import (
     Window,
     local_polynomial,
@@ -23,7 +24,6 @@ from tactile_dynamics_ros.core.numerics.local_polynomial import (
 )
 from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.recording.importers.csv_mapping import load_yaml, read_mapping
-from tactile_dynamics_ros.synthetic.static_poses import StaticLoad, hold_poses, weigh_poses
 
 INERTIAS = list(PARAMETER_NAMES[4:])
 

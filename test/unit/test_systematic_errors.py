@@ -11,10 +11,10 @@ from synthetic_recording import held_box
 
 from benchmarks.inertia.boxes import wrist_recording
 from benchmarks.inertia.scenarios import four_fingers
+from benchmarks.support.live_replay import replay_streams
 from tactile_dynamics_ros.core.effects.check import example_samples
 from tactile_dynamics_ros.core.inertia.batch.batch import fit_recording
 from tactile_dynamics_ros.core.inertia.estimate import estimate as estimate_body
-from tactile_dynamics_ros.core.inertia.live.replay import replay_streams
 from tactile_dynamics_ros.core.inertia.residuals.systematic import (
     SYSTEMATIC_SIZE,
     PresumedErrors,

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from benchmarks.support.slow import with_pauses
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.effects.registry import create_effect
 from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldObjectModel
@@ -15,7 +16,6 @@ from tactile_dynamics_ros.core.streams.streams import ContactStream, PoseStream,
 from tactile_dynamics_ros.synthetic.objects import HeldObject
 from tactile_dynamics_ros.synthetic.recordings import generate
 from tactile_dynamics_ros.synthetic.scenario import GRAVITY, Scenario, ScenarioOptions
-from tactile_dynamics_ros.synthetic.slow import with_pauses
 
 
 def diagnose_late(seed, magnitude):

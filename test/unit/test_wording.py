@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.support.carried import CarriedOptions, generate_carried
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.discrepancy.documents import diagnosis_document
 from tactile_dynamics_ros.core.discrepancy.verdict.wording import (
@@ -20,7 +21,6 @@ from tactile_dynamics_ros.core.effects.registry import create_effect
 from tactile_dynamics_ros.core.inertia.batch.batch import fit_recording
 from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldObjectModel
 from tactile_dynamics_ros.core.inertia.diagnosis.readings import fit_with_readings
-from tactile_dynamics_ros.synthetic.carried import CarriedOptions, generate_carried
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"

@@ -11,6 +11,7 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
 import tactile_dynamics_ros as td
+from benchmarks.support.layouts.wrist_log import INERTIA_PER_MASS, WristLog
 from tactile_dynamics_ros.api.wrist import WristShare
 from tactile_dynamics_ros.core.effects import create_effect
 from tactile_dynamics_ros.core.errors import BadInputError
@@ -26,7 +27,6 @@ from tactile_dynamics_ros.core.rigid_body.known_body import KnownBody
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.streams.streams import PoseStream
 from tactile_dynamics_ros.recording import Recording
-from tactile_dynamics_ros.synthetic.layouts.wrist_log import INERTIA_PER_MASS, WristLog
 from tactile_dynamics_ros.synthetic.recordings import generate
 from tactile_dynamics_ros.synthetic.scenario import ScenarioOptions
 

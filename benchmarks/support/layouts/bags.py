@@ -11,7 +11,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
-from tactile_dynamics_ros.synthetic.layouts.wrist_log import WristLog
+from benchmarks.support.layouts.wrist_log import WristLog
 
 EPOCH_NS = 1_717_000_000_000_000_000
 """Stamp of the first message, ns since 1970."""

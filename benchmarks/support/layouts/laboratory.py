@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tactile_dynamics_ros.synthetic.layouts.wrist_log import WristLog
-from tactile_dynamics_ros.synthetic.layouts.writing import axes, numbered, write_table
+from benchmarks.support.layouts.wrist_log import WristLog
+from benchmarks.support.layouts.writing import axes, numbered, write_table
 
 _WRENCH = ["Fx", "Fy", "Fz", "Tx", "Ty", "Tz"]
 

@@ -13,8 +13,8 @@ from itertools import permutations, product
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from benchmarks.support.tables import SensorTable, Table
 from tactile_dynamics_ros.synthetic import randomness
-from tactile_dynamics_ros.synthetic.tables import SensorTable, Table
 
 Mistake = Callable[[Table, np.random.Generator, int], Table]
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from tactile_dynamics_ros.synthetic.layouts import (
+from benchmarks.support.layouts import (
     arms,
     bags,
     fresh,
@@ -11,7 +11,7 @@ from tactile_dynamics_ros.synthetic.layouts import (
     late,
     others,
 )
-from tactile_dynamics_ros.synthetic.layouts.wrist_log import WristLog
+from benchmarks.support.layouts.wrist_log import WristLog
 
 Layout = Callable[[WristLog, Path], list[Path]]
 """Writes a log to a folder and returns the files."""

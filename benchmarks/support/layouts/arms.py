@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tactile_dynamics_ros.synthetic.layouts.wrist_log import WristLog
-from tactile_dynamics_ros.synthetic.layouts.writing import axes, numbered, write_table
+from benchmarks.support.layouts.wrist_log import WristLog
+from benchmarks.support.layouts.writing import axes, numbered, write_table
 
 EPOCH_S = 1_717_000_000
 """Stamp of the first row where stamps count from 1970."""

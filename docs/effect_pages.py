@@ -1,6 +1,6 @@
 """Writes docs/effects.md and its pictures from the classes of the catalogue.
 
-python -m tactile_dynamics_ros.report.effect_pages [DOCS]
+python -m docs.effect_pages [DOCS]
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from pathlib import Path
 
 from PIL import Image
 
+from docs.effect_signatures import ONE_FINGER, draw_signature
 from tactile_dynamics_ros.core.effects import EFFECT_NAMES, create_effect
 from tactile_dynamics_ros.core.effects.catalogue import (
     CatalogueEntry,
@@ -31,7 +32,6 @@ from tactile_dynamics_ros.core.planar.effects.registry import (
     PUSHED_EFFECT_NAMES,
     describe_pushed_effect,
 )
-from tactile_dynamics_ros.report.effect_signatures import ONE_FINGER, draw_signature
 from tactile_dynamics_ros.report.style import house_style, to_png
 
 PAGE = "effects.md"

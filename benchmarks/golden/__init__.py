@@ -1,0 +1,1 @@
+"""What every verb answers on small recordings, held against what it answered before."""

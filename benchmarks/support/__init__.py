@@ -1,0 +1,1 @@
+"""Generators, layouts and helpers that only studies and tests need."""
