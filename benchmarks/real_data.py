@@ -212,11 +212,9 @@ def write_section(payload: Payload) -> tuple[str, Figure]:
         "",
         "What disagrees, and why:",
         "",
-        "- **As recorded, the centre of mass is off by centimetres**, at an error of 300 times "
-        "the noise. The sensor reads "
-        f"({', '.join(f'{b:.2f}' for b in static.wrench_bias[:3])}) N without load. The plain "
-        "estimate is corrected by most of that, since residuals betray it; `force_bias` estimates "
-        "it together with the load.",
+        "- **The zero of the sensor** is part of the model of a single one, so that as recorded "
+        "and with `force_bias` are the same. It reads "
+        f"({', '.join(f'{b:.2f}' for b in static.wrench_bias[:3])}) N without load.",
         "- **With the bias left free, the intervals of the runs are wide.** A run is one half "
         "turn, which tells mass and bias apart badly, and the model does not fit. Its two rests "
         "alone, in which nothing moves and the bias cancels, weigh "
