@@ -235,7 +235,7 @@ class ExplorerNode(Shell):
         if run.actions:
             run.actions[-1]["stopped"] = performance.why
         run.touched = run.touched or performance.touched
-        goes_on = performance.pressed or performance.astray
+        goes_on = performance.pressed or performance.off_target
         run.stopped += goes_on
         if not goes_on or run.stopped > _STOPPED:
             self._finish(performance.why, False)

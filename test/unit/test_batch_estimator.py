@@ -283,7 +283,7 @@ def test_levenberg_marquardt_solves_rosenbrock():
 
 
 def test_noise_beyond_all_measure_leaves_directions_unexcited():
-    """A fit that leads astray makes sums in which rounding alone is larger than the prior."""
+    """A fit that diverges makes sums in which rounding alone is larger than the prior."""
     prior = LogCholeskyPrior(np.zeros(10), np.ones(10))
     rng = np.random.default_rng(8)
     noise = rng.normal(size=(10, 3)) * 1e12

@@ -104,7 +104,7 @@ def test_readings_that_are_screened_alike_have_the_same_basis(tethered):
 
 
 def test_a_joint_fit_starts_where_the_present_effects_were(monkeypatch):
-    """A spring with a rest length is hardly determined: its linear change leads far astray."""
+    """A spring with a rest length is hardly determined: its linear change leads far off."""
     recording = generate(361, {"magnetic_pull": 3.0}, ScenarioOptions(duration=6.0))
     model = HeldObjectModel.from_fit(fit_body(recording.streams))
     springs = screen(model, model.families(["tether_spring"]))

@@ -195,7 +195,7 @@ def test_a_fit_where_no_object_is_is_tried_with_what_may_act_in_a_regime(
 
 
 @pytest.mark.parametrize(
-    ("astray", "name", "converged", "whole"),
+    ("unconverged", "name", "converged", "whole"),
     [
         ("streams", PULL, True, True),
         ("streams", PULL, False, False),
@@ -203,16 +203,16 @@ def test_a_fit_where_no_object_is_is_tried_with_what_may_act_in_a_regime(
         (None, PULL, True, False),
     ],
 )
-def test_what_acts_in_a_regime_is_fitted_whole_where_a_fit_went_astray(
-    model, monkeypatch, astray, name, converged, whole
+def test_what_acts_in_a_regime_is_fitted_whole_where_a_fit_has_not_converged(
+    model, monkeypatch, unconverged, name, converged, whole
 ):
     anew, from_there = replace(model.fit, converged=converged), replace(model.fit)
     monkeypatch.setattr(one_part, "with_expected_force", lambda fit: fit)
     monkeypatch.setattr(one_part, "fit_push", lambda streams, _: streams and anew)
     monkeypatch.setattr(one_part, "refit", lambda *_: from_there)
-    found = one_part.OnePart(model.fit, astray).refitted((PUSHED.create(name),), None, 0.1)
+    found = one_part.OnePart(model.fit, unconverged).refitted((PUSHED.create(name),), None, 0.1)
     assert found.fit is (anew if whole else from_there)
-    assert found.astray is astray
+    assert found.unconverged is unconverged
 
 
 def test_an_effect_that_helped_to_find_the_motion_is_missing_again(tilted):

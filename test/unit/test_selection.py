@@ -89,8 +89,8 @@ def chosen(share: np.ndarray, followed: np.ndarray) -> str:
 
 
 def test_one_offset_of_all_sensors_is_told_as_one_though_the_fit_of_four_follows_its_own():
-    astray = np.array([4.0, -3.0, 3.0, -4.0])
-    assert chosen(np.ones(SENSORS), astray) == "offset:common"
+    off = np.array([4.0, -3.0, 3.0, -4.0])
+    assert chosen(np.ones(SENSORS), off) == "offset:common"
 
 
 def test_offsets_that_differ_stay_apart():

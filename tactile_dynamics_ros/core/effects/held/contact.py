@@ -120,9 +120,9 @@ class ContactOffset(FingerEffect):
             offset[contact] = part
         apart = np.linalg.norm(point - point.mean(axis=0), axis=1)
         reach = max(float(np.sqrt(np.mean(apart**2))), _LEAST_REACH)
-        astray = np.linalg.norm(offset - offset.mean(axis=0), axis=1)
+        shift = np.linalg.norm(offset - offset.mean(axis=0), axis=1)
         near = np.all(np.linalg.norm(offset, axis=1) <= _FARTHEST_OFFSET)
-        return bool(near and np.all(astray <= _WORST_OFFSET * reach))
+        return bool(near and np.all(shift <= _WORST_OFFSET * reach))
 
     def axis_parameters(self) -> tuple[EffectParameter, ...]:
         """Displacement d (3)."""

@@ -55,11 +55,11 @@ water that a robot stops it was the first; one more costs a hundredth of a fit."
 _NO_RESIDUAL = 1e-12
 """Smallest norm that residuals are divided by, N and N m: below any sensor's resolution."""
 _SLOWEST_HZ = 0.2
-"""Lowest natural frequency that is evaluated, Hz, so that a fit that goes astray stays finite: a
+"""Lowest natural frequency that is evaluated, Hz, so that a fit that diverges stays finite: a
 mass hangs g / w_n^2 below its rest point, 6 m at 0.2 Hz. The lowest that is tried is 0.5. Above 0.5
-it would cut what is tried; lower lets such a fit go farther astray."""
+it would cut what is tried; lower lets such a fit go farther."""
 _FASTEST_HZ = 15.0
-"""Highest natural frequency that is evaluated, Hz, so that a fit that goes astray stays within what
+"""Highest natural frequency that is evaluated, Hz, so that a fit that diverges stays within what
 100 Hz show. The highest that is tried is 6.5. Below 6.5 it would cut what is tried; higher lets a
 fit follow noise from sample to sample."""
 _LEAST_DAMPING = 0.003

@@ -53,7 +53,7 @@ hundredth of what the best sensors leave (1e-4). Smaller lets generated data wit
 rounding; above 1e-4 readings of good sensors would all look alike."""
 _REACH = 12.0
 """Standard deviations of the prior to which the search is bounded: masses from 1e-20 to 1e20 of the
-load, so that steps that go astray stay finite. At 3 a centre of mass could lie 1.5 m from the
+load, so that steps that diverge stay finite. At 3 a centre of mass could lie 1.5 m from the
 contacts at most, nearer than readings of lengths in mm may ask for; at 200 exponentials
 overflow."""
 _ROUNDING = 1e-12

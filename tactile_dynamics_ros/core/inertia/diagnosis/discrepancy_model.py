@@ -300,7 +300,7 @@ class HeldObjectModel(LeastSquaresModel[Effect]):
         """Fit with one more effect at fixed whitening.
 
         The present effects are linear in the change of their parameters; where that proves too
-        coarse, all are fitted jointly, from where they were if the change leads astray.
+        coarse, all are fitted jointly, from where they were if the change leads too far.
         """
         effect: Effect = family.source
         stretch = self.fitted.stretches[0]

@@ -38,7 +38,7 @@ _BLOCKED, _BLOCKED_FOR = 0.01, 0.3
 """m by which a tip that pushes may be from its target, and s for how long, before it lifts off and
 plans anew: pushes lag by 3 mm; where messages come late the target leaps ahead by 1 cm at times."""
 _WORSE = 0.03
-"""m by which the error may exceed the least of a push before it ends: plans go astray by 2 cm;
+"""m by which the error may exceed the least of a push before it ends: plans miss by 2 cm;
 where the object moves otherwise than predicted, as on a joint, corrections push it on and on."""
 _RESTS = ("look", "go")
 """Phases in which the object lies where it was seen last: poses of a pushed one are 20 ms old, and

@@ -52,12 +52,12 @@ class Guard:
 
     Attributes:
         pressed: whether it was too much force that stopped the motion.
-        astray: whether it was that the arm does not follow its targets.
+        off_target: whether it was that the arm does not follow its targets.
     """
 
     def __init__(self, config: GuardConfig, unloads: bool = False) -> None:
         self._most_force, self._stale = config.most_force, config.stale
-        self._unloads, self.pressed, self.astray = unloads, False, False
+        self._unloads, self.pressed, self.off_target = unloads, False, False
         self._missed = np.inf
 
     def reason(self, seen: Seen, target: Array | None) -> str:
@@ -75,7 +75,7 @@ class Guard:
         far = miss(seen, target) >= _MISSED
         self._missed = min(self._missed, seen.time) if far else np.inf
         if seen.time - self._missed > _MISSED_FOR:
-            self.astray = True
+            self.off_target = True
             return "the arm does not follow its targets"
         return ""
 

@@ -87,9 +87,9 @@ class Performance:
         return self._guard.pressed
 
     @property
-    def astray(self) -> bool:
+    def off_target(self) -> bool:
         """Whether it was stopped because the arm did not follow its targets."""
-        return self._guard.astray
+        return self._guard.off_target
 
     def __init__(self, action: StraightAction, guard: Guard) -> None:
         self.finished, self.why, self.touched = False, "", False

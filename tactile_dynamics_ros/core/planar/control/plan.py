@@ -28,7 +28,7 @@ _STD = np.array([0.06, 0.2, 0.2, 0.2, 0.02])
 
 _FAR, _SHORT = 1.5, 0.003
 """Longest push over the error that is left, and m beside it: long ones that the model lets slide
-along an edge went astray by 10 cm from 3 mm off the goal. Below 1.2 turns take more pushes."""
+along an edge missed by 10 cm from 3 mm off the goal. Below 1.2 turns take more pushes."""
 _UNFOLD = 2.0
 """Error that counts as much as parts that reach into each other, m per m of turning back: motion is
 not predicted there, and parts above each other can hardly be pushed. Below 1 plans would fold."""

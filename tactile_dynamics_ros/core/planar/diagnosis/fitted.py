@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.planar.diagnosis.rows import PushRows
-from tactile_dynamics_ros.core.planar.diagnosis.separating_push import Foretold
+from tactile_dynamics_ros.core.planar.diagnosis.separating_push import Predicted
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
 from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
 from tactile_dynamics_ros.core.planar.effects.situation import PlanarMotion
@@ -143,7 +143,7 @@ class FittedPushes(ABC):
         """
 
     def suspecting(self, streams: PushedStreams, suspects: Sequence[str]) -> Self:
-        """The fit made again with an effect from the first stage on, where it went astray without.
+        """The fit with an effect from its first stage on, where one without has not converged.
 
         Args:
             streams: as they were fitted.
@@ -152,8 +152,8 @@ class FittedPushes(ABC):
         return self
 
     @abstractmethod
-    def steady(self) -> Foretold | None:
-        """The object in pushes that were not made; None where none can be foretold."""
+    def steady(self) -> Predicted | None:
+        """The object in pushes that were not made; None where none can be predicted."""
 
     def families(self, effect: PushEffect) -> Sequence[PushEffect]:
         """An effect, or for sudden ones one for each push with which it may begin; or none."""

@@ -61,12 +61,12 @@ class OnePart(FittedPushes):
 
     Attributes:
         fit: with all effects of the model.
-        astray: streams, where the fit went astray without an effect that is not in the model; what
-            acts in a regime is then fitted from the first stage on.
+        unconverged: streams, where the fit converged to a wrong optimum without an effect that the
+            model misses; what acts in a regime is then fitted from the first stage on.
     """
 
     fit: PushFit
-    astray: PushedStreams | None = None
+    unconverged: PushedStreams | None = None
 
     @classmethod
     def of_streams(
@@ -150,8 +150,8 @@ class OnePart(FittedPushes):
 
     def refitted(self, effects: tuple[PushEffect, ...], common: Array, variation: float) -> OnePart:
         """The same pushes fitted with effects."""
-        if self.astray is not None and any(is_regional(effect.name) for effect in effects):
-            whole = fit_push(self.astray, effects)
+        if self.unconverged is not None and any(is_regional(effect.name) for effect in effects):
+            whole = fit_push(self.unconverged, effects)
             if whole.converged:
                 return replace(self, fit=with_expected_force(whole))
         return replace(self, fit=refit(self.fit, effects, common, variation))

@@ -14,7 +14,7 @@ from tactile_dynamics_ros.core.planar.diagnosis.separating_push import (
     PLACES,
     SPEEDS,
     TURNS_DEG,
-    Foretold,
+    Predicted,
     Steady,
     felt,
     with_height,
@@ -47,7 +47,7 @@ def described_push(link: int, point: Array, heading_deg: float, speed: float, wh
 
 
 @dataclass(frozen=True, eq=False)
-class JointedPushes(Foretold):
+class JointedPushes(Predicted):
     """Two parts on a joint, pushed all around both of them.
 
     Attributes:
@@ -96,7 +96,7 @@ class JointedPushes(Foretold):
         read = felt(self.intervals, point, np.arctan2(y, x), lack)
         return read / [1.0, 1.0, self.size, self.size]
 
-    def told(self, k: int) -> dict[str, Any]:
+    def describe(self, k: int) -> dict[str, Any]:
         """Which part, where on its outline, which way, how fast."""
         push = self.pushes.taken(np.array([k]))
         x, y = push.way[0]
@@ -129,9 +129,9 @@ class RigidPushes(Steady):
     offset: Array
     com: Array
 
-    def told(self, k: int) -> dict[str, Any]:
+    def describe(self, k: int) -> dict[str, Any]:
         """The tip touches where the line through the centre of mass enters a part."""
-        said = super().told(k)
+        said = super().describe(k)
         turn = self.yaw + np.radians(said["turn_deg"])
         heading = np.radians(said["heading_deg"]) - turn
         ray = -np.array([np.cos(heading), np.sin(heading)])

@@ -50,7 +50,7 @@ SLIP = 5e-4
 """Speed below which friction falls, m/s, far below that of the pushes; smaller changes nothing."""
 
 
-class Foretold(ABC):
+class Predicted(ABC):
     """An object in K pushes that were not made.
 
     Attributes:
@@ -68,7 +68,7 @@ class Foretold(ABC):
         """What the sensor would read, (K, c) N, torques over `size`."""
 
     @abstractmethod
-    def told(self, k: int) -> dict[str, Any]:
+    def describe(self, k: int) -> dict[str, Any]:
         """`heading_deg`, `speed`, `place`, `turn_deg` of a push, and `description` of how to do it.
 
         Of two parts `link` is pushed at `point`, m, in its frame.
@@ -76,7 +76,7 @@ class Foretold(ABC):
 
 
 @dataclass(frozen=True, eq=False)
-class Steady(Foretold):
+class Steady(Predicted):
     """An object in pushes without turning, at speeds that last.
 
     Attributes:
@@ -108,7 +108,7 @@ class Steady(Foretold):
 
         return felt(self.intervals, point, heading, lack) / [1.0, 1.0, self.size]
 
-    def told(self, k: int) -> dict[str, Any]:
+    def describe(self, k: int) -> dict[str, Any]:
         """Through the centre of mass, so that the object does not turn."""
         heading, speed, place, turn = _PUSHES[k]
         where = np.asarray(self.middle) + place
@@ -131,7 +131,7 @@ class Steady(Foretold):
 def plan_push(
     best: Callable[[Predict], Array],
     rivals: Mapping[str, Callable[[Predict], Array]],
-    thing: Foretold,
+    thing: Predicted,
     variation: float,
 ) -> dict[str, Any] | None:
     """Choose the push in which the rivals' forces differ most from the best model's.
@@ -143,8 +143,8 @@ def plan_push(
         variation: relative standard deviation of friction from place to place.
 
     Returns:
-        What `Foretold.told` says, `differs_by_n` and `separates_from`, the names of the rivals that
-        it parts; None if it parts none.
+        What `Predicted.describe` says, `differs_by_n` and `separates_from`, the names of the rivals
+        that it parts; None if it parts none.
     """
     if not rivals:
         return None
@@ -156,7 +156,7 @@ def plan_push(
     parted = away[:, chosen] > _PARTED * noise
     if not parted.any():
         return None
-    difference, told = float(away[parted, chosen].min()), thing.told(chosen)
+    difference, told = float(away[parted, chosen].min()), thing.describe(chosen)
     return told | {
         "differs_by_n": difference,
         "separates_from": [name for name, p in zip(rivals, parted, strict=True) if p],
@@ -164,7 +164,7 @@ def plan_push(
     }
 
 
-def plan_wider(thing: Foretold) -> dict[str, Any]:
+def plan_wider(thing: Predicted) -> dict[str, Any]:
     """Plan the push that tells a slope of friction from friction that differs by place.
 
     A slope goes on beyond the places that were pushed; what merely differs does not.

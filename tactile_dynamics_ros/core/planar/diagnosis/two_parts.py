@@ -16,7 +16,7 @@ from tactile_dynamics_ros.core.planar.diagnosis.separating_pair_push import (
     JointedPushes,
     RigidPushes,
 )
-from tactile_dynamics_ros.core.planar.diagnosis.separating_push import SLIP, Foretold
+from tactile_dynamics_ros.core.planar.diagnosis.separating_push import SLIP, Predicted
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
 from tactile_dynamics_ros.core.planar.effects.part import has_law, instances
 from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
@@ -161,7 +161,7 @@ class TwoParts(FittedPushes):
         starts = self.intervals.push_starts
         return instances(effect, self.structure, starts) if effect.told else []
 
-    def steady(self) -> Foretold:
+    def steady(self) -> Predicted:
         """Both parts in pushes that were not made."""
         model = self.fit.model
         return self._rigid() if isinstance(model, RigidModel) else self._jointed()

@@ -160,7 +160,7 @@ def _found(
 
 
 def _trusted(fit: PairFit) -> PairFit:
-    """The fit with masses that count as unknown where it is astray or forces are coarse."""
+    """The fit with masses that count as unknown where it has not converged or forces are coarse."""
     if fit.whitened_rms <= ASTRAY and fit.model.intervals.step <= COARSE:
         return fit
     vague = np.array([name.startswith("ln_mass") for name in fit.names])
