@@ -138,7 +138,7 @@ class Check(Readiness):
 
     @property
     def promises(self) -> bool:
-        """Whether the model fits, so that what a motion brings can be told."""
+        """Whether the model fits, so that what a motion brings can be reported."""
         return self.estimate.fits
 
     def _promised(self, addition: Addition, name: str | None = None) -> float:

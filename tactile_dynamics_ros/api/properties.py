@@ -1,4 +1,4 @@
-"""What the object is by a model, so that it can be told before and after effects are added."""
+"""What the object is by a model, so that it can be reported before and after effects are added."""
 
 from __future__ import annotations
 

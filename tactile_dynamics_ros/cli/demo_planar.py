@@ -36,8 +36,8 @@ GOAL = (0.5, 0.1, 0.0)
 """m, m, deg: where the object is pushed, the goal of Dutta et al."""
 BUDGET = 5
 """Pushes and pulls that explore, known or not: with a fit after each the story ends within five
-minutes, and changes are told by a reference that they make: one of three pushes is replaced by
-the next fits, which may already contain a change."""
+minutes, and changes are identified by a reference that they make: one of three pushes is replaced
+by the next fits, which may already contain a change."""
 TRIES = 3
 """Calls of the explorer, each after one that was stopped for safety: a third says that it is not
 chance."""
@@ -72,7 +72,7 @@ TRACKED = 30.0
 
 
 def play(args: Namespace, out: Path, say: Callable[[str], None]) -> dict[str, Any]:
-    """Play the story; afterwards everything is stopped. Return what is told as JSON.
+    """Play the story; afterwards everything is stopped. Return what is reported as JSON.
 
     Args:
         args: of the verb.
@@ -211,7 +211,7 @@ class BrokenError(TactileDynamicsError):
 def _story(
     node: Node, supervisor: Supervisor, say: Callable[[str], None], changes: bool
 ) -> dict[str, Any]:
-    """Explore, push to the goal, notice a change, reveal; what is stopped is told as well."""
+    """Explore, push to the goal, notice a change, reveal; what is stopped is reported as well."""
     log = Log(node)
     _await(node, supervisor, lambda: log.ready)
     told: dict[str, Any] = {

@@ -13,7 +13,7 @@ from tactile_dynamics_ros.core.options import POSITIVE
 from tactile_dynamics_ros.core.planar.properties.push_model import ASTRAY
 
 REMARKS = ("stopped", "jerked", "missed", "late")
-"""Entries of an action that say what went wrong with it, as they are told to people."""
+"""Entries of an action that say what went wrong with it, as they are reported to people."""
 
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from tactile_dynamics_ros.ros.recorder import Recorder
 
 _SENTENCES = 3
-"""Sentences that are told at a time; more are not read while a hand moves."""
+"""Sentences that are reported at a time; more are not read while a hand moves."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class RecordCheck:
     """Checks a recording again and again, in a process of low priority.
 
     Args:
-        recorder: that writes it, and under whose name it is told.
+        recorder: that writes it, and under whose name it is reported.
         path: of the recording.
         namespace: of the hand, or None.
         period: s between the end of a check and the next.

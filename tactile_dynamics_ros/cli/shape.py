@@ -22,7 +22,7 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         help="parts, size and pose of an object on a table from point clouds, and where to look",
         description="Describe an object on a table by superquadrics. Clouds are PLY, PCD, text "
         "(x y z in the first three columns) or npz (points; or depth in m, intrinsics and the "
-        "camera's pose), in one frame whose z points up. Where nothing else is told, the table is "
+        "camera's pose), in one frame whose z points up. Unless stated otherwise, the table is "
         "found in the cloud or taken to be at the foot of the object.",
     )
     parser.add_argument("clouds", nargs="+", metavar="CLOUD", type=Path)

@@ -43,7 +43,7 @@ class Member:
         due: when it is started again, monotonic s; None unless it waits for that.
         restarts: how often it was started again.
         exit_codes: of all its deaths.
-        epitaph: what is to be told of the last death.
+        epitaph: what is to be reported of the last death.
     """
 
     name: str

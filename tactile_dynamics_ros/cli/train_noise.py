@@ -69,7 +69,7 @@ SETTINGS = {
 
 @dataclass(frozen=True, eq=False)
 class NoiseRecord:
-    """One recording: forces with their errors; poses (N, 3) that were told with the true ones."""
+    """One recording: forces with their errors; reported poses (N, 3) with the true ones."""
 
     felt: FeltErrors
     told: Told | None

@@ -304,7 +304,7 @@ class ExplorerNode(Shell):
         return self.scene.fits > run.fits if self._pair is None else not self._pair.busy
 
     def _is_late(self, run: Run) -> bool:
-        """Whether the estimate of the last push has been awaited for too long, which is told."""
+        """Whether the estimate of the last push has been awaited for too long; it is noted."""
         late = time.monotonic() - run.since > self.config.patience
         if late and run.actions:
             run.actions[-1]["late"] = f"no estimate of it after {self.config.patience:g} s"

@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PropertyEstimatorConfig:
-    """What is listened to, and how often is told what is known."""
+    """What is listened to, and how often is reported what is known."""
 
     contacts: tuple[str, ...] = parameter(
         (PUSHER, *PADS), "names of the contacts on contact/<name>"

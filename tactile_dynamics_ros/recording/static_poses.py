@@ -124,7 +124,7 @@ def held_poses(
 
 
 def _require_enough(usable: Mask) -> None:
-    """Check that a load can be told from the rows.
+    """Check that a load can be distinguished from the rows.
 
     Raises:
         BadInputError: there are too few.

@@ -52,7 +52,7 @@ def write_estimate_report(
         truth: true parameters where they are known.
         command: how to make the page again.
         introduction: sections that come before all others.
-        estimate: to be told in place of the model's own, with the error that all verbs tell.
+        estimate: to be reported in place of the model's own, with the error that all verbs tell.
         misfit: what is said of a model that does not fit, empty where it fits; None: the error
             decides.
 

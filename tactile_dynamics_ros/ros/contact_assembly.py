@@ -52,7 +52,7 @@ class ContactAssembly:
         name: of the contact.
         deliver: called with each assembled contact in the order of time.
         clock: of the node's streams.
-        hand: whose error in the world is corrected, or None to take contacts as they are told.
+        hand: whose error in the world is corrected, or None to take contacts as they are reported.
         held: whether the owner releases forces; if not, each goes as soon as its pose is there.
     """
 

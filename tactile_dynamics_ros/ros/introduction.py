@@ -16,8 +16,8 @@ _OF_EVERY_NODE = {
 """Topics, and last parts of services, that every node has: a line that told them would tell
 nothing of this one. Names are those of ROS."""
 _MANY = 4
-"""Names in one folder from which only their count is told: a contact has three topics, a hand has
-twelve. Fewer would hide topics that differ, more would fill the terminal with contacts."""
+"""Names in one folder from which only their count is reported: a contact has three topics, a hand
+has twelve. Fewer would hide topics that differ, more would fill the terminal with contacts."""
 
 
 def introduce(node: Node) -> str:

@@ -27,8 +27,8 @@ Known = TypeVar("Known")
 _LASTS = 3.0
 """Time that a difference beyond chance has to last, s, before the object is said to have changed:
 the first samples of a grasp are few, the hand still slips, and inertias of two seconds of data are
-off by more than they say. At 1 the same box was told to have changed in two grasps of three; more
-tells of a change later. Meanwhile this grasp alone is published."""
+off by more than they say. At 1 the same box was reported to have changed in two grasps of three;
+more tells of a change later. Meanwhile this grasp alone is published."""
 _SAVE_EVERY = 5.0
 """Time between writings, s of the stamps: what a crash may lose. A file of 3 kB costs nothing."""
 

@@ -23,7 +23,7 @@ def property_status(
 
     Args:
         known: of link_1; None before the object was seen.
-        live: whose counts are told.
+        live: whose counts are reported.
         state: whether the object is followed now.
     """
     solver: dict[str, object] = {

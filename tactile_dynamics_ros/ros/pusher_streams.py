@@ -130,7 +130,7 @@ class ContactStreams:
     def messages(
         self, name: str, force: Array, std: Array, pose: Array, time: float | AnyStamp
     ) -> list[tuple[Publisher, bytes]]:
-        """Return what is told of a contact, with the publishers that tell it.
+        """Return what is reported of a contact, with the publishers that tell it.
 
         Args:
             name: of the contact.
@@ -147,7 +147,7 @@ class ContactStreams:
         ]
 
     def report(self, felt: Felt, std: Array, gripper: Array) -> list[tuple[Publisher, bytes]]:
-        """Return what is told of a contact; where nothing is touched its force, zero, alone."""
+        """Return what is reported of a contact; where nothing is touched its force, zero, alone."""
         told = self.messages(felt.name, felt.force, std, felt.pose, felt.time)
         return told if felt.touching else told[-1:]
 
@@ -169,7 +169,7 @@ class SensorStreams:
         }
 
     def report(self, felt: Felt, std: Array, gripper: Array) -> list[tuple[Publisher, bytes]]:
-        """Return what is told of a sensor, with the publishers that tell it.
+        """Return what is reported of a sensor, with the publishers that tell it.
 
         Args:
             felt: what it reports.
@@ -205,7 +205,7 @@ class LinkStreams:
     def messages(
         self, poses: Sequence[Array | None], covariance: Array, time: float
     ) -> list[tuple[Publisher, bytes]]:
-        """Return what is told of the parts, with the publishers that tell it.
+        """Return what is reported of the parts, with the publishers that tell it.
 
         Args:
             poses: (4, 4) of each part; None where it is lost.

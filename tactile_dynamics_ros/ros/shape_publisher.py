@@ -1,4 +1,4 @@
-"""What is told of an object on a table once its shape is known: shape, outlines, poses, drawing."""
+"""Publishes an object on a table once its shape is known: shape, outlines, poses, drawing."""
 
 from __future__ import annotations
 

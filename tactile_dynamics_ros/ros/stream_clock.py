@@ -1,4 +1,4 @@
-"""The clock that the streams of one node share: strays are refused, a restart is told once."""
+"""The clock that the streams of one node share: strays are refused, a restart is reported once."""
 
 from __future__ import annotations
 

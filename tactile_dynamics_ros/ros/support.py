@@ -14,7 +14,7 @@ from tactile_dynamics_ros.ros.wire import Stamped
 
 LEVEL = np.cos(np.deg2rad(1.0))
 """Cosine of the table's tilt up to which it counts as level: at 1 deg the foot of an object of
-10 cm is 0.9 mm off at its sides, as much as a camera's noise. Shapes are told upright."""
+10 cm is 0.9 mm off at its sides, as much as a camera's noise. Shapes are reported upright."""
 
 
 class Support:

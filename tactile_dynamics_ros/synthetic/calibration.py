@@ -3,8 +3,9 @@
 Everything here is free of noise: the excess is the part of the readings that no rigid body
 explains, over the spectrum that the sensors' noise gives each channel. White noise of a pose
 becomes noise of the inertial force that grows with the square of the frequency: a fast
-disturbance can only be told from a fast motion if it is large. Correlations between channels are
-left out: the whitened error of a careful estimator comes near the target but does not equal it.
+disturbance can only be distinguished from a fast motion if it is large. Correlations between
+channels are left out: the whitened error of a careful estimator comes near the target but does not
+equal it.
 """
 
 from __future__ import annotations

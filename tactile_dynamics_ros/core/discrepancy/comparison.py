@@ -26,18 +26,18 @@ _THIRD = 1.0 / 3.0
 """Share of the samples in which a condition is called low or high: thirds leave a middle between
 the two. Less compares groups of few samples, more mixes what is low with what is high."""
 _NOTABLE_SHARE = 0.45
-"""Share of the excess error that must come with a third of the samples to be told: by chance a
+"""Share of the excess error that must come with a third of the samples to be reported: by chance a
 third does. Lower tells more conditions (0.225: in 3 of 16 examples), higher fewer (0.9: in 7)."""
 _MOST_PLACES = 8
-"""Places that are told at most: what fits a screen and the figure of the report. 4 and 16 changed
-nothing in 16 examples, which have two channels."""
+"""Places that are reported at most: what fits a screen and the figure of the report. 4 and 16
+changed nothing in 16 examples, which have two channels."""
 _WINDOW = 1.0
-"""Length of the stretches that are told to fail, s: the RMS of a hundred samples of a wrench
+"""Length of the stretches that are reported to fail, s: the RMS of a hundred samples of a wrench
 scatters by 3 % in noise. With 0.5 s they are more and shorter (5 of 16 examples), with 2 s fewer
 (6)."""
 _FAILING = 1.5
-"""RMS of a stretch over the median of all from which it is told: noise of 100 samples never reaches
-it. Lower tells parts of what fails everywhere (0.75 does in 13 of 16 examples)."""
+"""RMS of a stretch over the median of all from which it is reported: noise of 100 samples never
+reaches it. Lower tells parts of what fails everywhere (0.75 does in 13 of 16 examples)."""
 _SIGNIFICANT = 5.0
 """Excess of the squares of a channel, in standard deviations of those of noise, from which it is
 told to fail: one in three million by chance. Lower looks for places in channels of noise, higher

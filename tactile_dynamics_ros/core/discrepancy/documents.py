@@ -36,8 +36,8 @@ _REMAINS = 1.15
 noise's variance. It changes no verdict. Lower says so where next to nothing is left, higher keeps
 silent where a further cause is."""
 _NOTABLE = 0.1
-"""Share of an unexplained error from which the known effect that explains most of it is told: less
-would send people after effects that are not there. It changes no verdict."""
+"""Share of an unexplained error from which the known effect that explains most of it is reported:
+less would send people after effects that are not there. It changes no verdict."""
 
 
 def diagnosis_document(diagnosis: Diagnosis) -> Document:

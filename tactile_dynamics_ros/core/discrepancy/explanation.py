@@ -28,7 +28,7 @@ class ExplanationStep:
     Attributes:
         name: the effect.
         error: held-out white RMS with it.
-        group: effects that could not be told from it.
+        group: effects that could not be distinguished from it.
     """
 
     name: str

@@ -39,11 +39,11 @@ changed nothing in the 16."""
 _FORMULA_COLUMNS = 3
 """Columns of a term at most, those of a vector. 2 and 6 changed nothing in the 16."""
 _BURST_SHARE = 0.6
-"""Share of the excess error that bursts must hold to be told: most of it. At 0.3 nothing changed in
-the 16; more than 1 tells none (one of them has bursts)."""
+"""Share of the excess error that bursts must hold to be reported: most of it. At 0.3 nothing
+changed in the 16; more than 1 tells none (one of them has bursts)."""
 _BURST_TIME = 0.2
-"""Share of the time in which bursts are bursts: what lasts longer is told by its condition. At 0.4
-nothing changed in the 16, at 0.1 those of the one example were not told."""
+"""Share of the time in which bursts are bursts: what lasts longer is identified by its condition.
+At 0.4 nothing changed in the 16, at 0.1 those of the one example were not told."""
 
 
 @dataclass(frozen=True)

@@ -211,7 +211,7 @@ def simplest(choice: Choice) -> Choice:
 
 
 def with_equals(choice: Choice) -> Choice:
-    """Name the rivals that are as simple as the best and cannot be told from it.
+    """Name the rivals that are as simple as the best and cannot be distinguished from it.
 
     Each beats the best at its own whitening about as clearly as it loses at that of the best.
     """

@@ -48,8 +48,8 @@ _LINE_OVER_BAND = 12.0
 sum exceeds it in one of 1e24 frequencies, of one channel in 6 of a million. 6 and 24 changed
 nothing in the 16."""
 _LINE_SHARE = 0.1
-"""Share of the excess error that a line must hold to be told: a tenth, since less is a detail of a
-broad spectrum. 0.05 and 0.2 changed nothing in the 16 examples."""
+"""Share of the excess error that a line must hold to be reported: a tenth, since less is a detail
+of a broad spectrum. 0.05 and 0.2 changed nothing in the 16 examples."""
 _FEWEST_CYCLES = 6.0
 """Cycles in a recording from which a line is looked for: slower ones are drifts. At 12 a line at
 0.34 Hz in 30 s was not told any more, at 3 nothing changed."""

@@ -34,7 +34,7 @@ class Effect(ABC):
         sentence: subject and verb for a verdict, "the object drags through something viscous".
         remedy: what to do about it.
         rings: whether it can oscillate at a frequency that the motion does not have.
-        lasting: whether it is an error of a sensor that lasts, or cannot be told from one.
+        lasting: whether it is an error of a sensor that lasts, or cannot be distinguished from one.
         external: whether it is a wrench on the object and no error of what sensors read: sensors
             that are late show it late.
         delays: whether it makes sensors late; `delayed` says how.

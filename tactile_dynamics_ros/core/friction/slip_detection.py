@@ -87,7 +87,7 @@ class SlipFusion:
     and m_k its level in a slow slip; what is hardly pulled is at rest. Where it is known at which
     ratio of the forces this contact slipped before, n is the log likelihood ratio of the share of
     it that was reached lately: it delays alarms far below and hastens them near it, by no more
-    than half of what the other channels take away in silence. A slip is told where S passes the
+    than half of what the other channels take away in silence. A slip is reported where S passes the
     threshold; it began about where S last was zero, so that the delay of every detection is known.
 
     Args:

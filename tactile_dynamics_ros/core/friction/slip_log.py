@@ -28,12 +28,12 @@ _LEAST_PATH = 6e-4
 """Way of a slide, m, from which its force counts as kinetic: less is within what the skin gives.
 Less takes the skin's give for sliding, more leaves short slides without a kinetic coefficient."""
 _LEAST_TILT_PATH = 1e-3
-"""Way of a slide, m, from which its slope against the mesh is told: 0.1 mm of error are 6 deg of
-slope then. Shorter slides give slopes of noise, longer are rare (a slide takes 0.15 s)."""
+"""Way of a slide, m, from which its slope against the mesh is reported: 0.1 mm of error are 6 deg
+of slope then. Shorter slides give slopes of noise, longer are rare (a slide takes 0.15 s)."""
 _LEAST_UNLOAD = 0.25
-"""Change of the normal force, N, from which the give of fingertip and surface is told from it:
-eight times the noise of a fingertip's force. Less gives noise for an answer, more leaves attempts
-without one."""
+"""Change of the normal force, N, from which the give of fingertip and surface is distinguished from
+it: eight times the noise of a fingertip's force. Less gives noise for an answer, more leaves
+attempts without one."""
 _LEAST_COSINE = 0.8
 """Share of the tangential force that must be along the pull: within 37 deg. A slip in another
 direction is not that of the attempt, and is left out. Lower takes other slips in, higher leaves
@@ -149,7 +149,7 @@ def _slide(
 ) -> tuple[float, float, float, float]:
     """Ratio, speed (m/s), slope against the mesh (rad) and normal force (N) of the slide.
 
-    What cannot be told because it was too short is nan.
+    What cannot be reported because it was too short is nan.
     """
     nothing = float("nan")
     if after.sum() < 4:

@@ -37,7 +37,7 @@ _SPIN = 5.0
 """Way of the outline by turning over that of the contact, from which no push turned it: pushed
 beside its middle an object turns by as much as the tip goes. Yaw in degrees has 5 to 60."""
 _WINDOW = 0.3
-"""s over which turns and ways are told: the noise of poses is then a fraction of either."""
+"""s over which turns and ways are reported: the noise of poses is then a fraction of either."""
 _DENSITIES = (0.5, 3e4)
 """Friction times density, kg/m^3, of what is pushed: an empty box of paper on ice has 1, tungsten
 on rubber 20000. Other units of force are a thousand times off, usual things at 100 to 3000."""

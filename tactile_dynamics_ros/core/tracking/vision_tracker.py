@@ -4,7 +4,7 @@ Each image is aligned from the likeliest of several predictions: moved with the 
 was, or as others predict. The share of the visible model that is seen where it should be is the
 score; where it is low, or too little is visible, the image yields no pose. When that lasts, the
 object is searched in the whole image, and a pose that was found so must prove itself in further
-images before it is told.
+images before it is reported.
 """
 
 from __future__ import annotations

@@ -50,7 +50,7 @@ class VisionTrackerConfig:
     most_misfit: float = parameter(1.5, "whitened distance of a good alignment", "", 1.0, 10.0)
     patience: float = parameter(0.5, "time without a good image before a search", "s", 0.0, 60.0)
     search_period: float = parameter(0.4, "time between searches", "s", 0.0, 60.0)
-    confirmations: int = parameter(3, "good images before a found pose is told", "", 1, 100)
+    confirmations: int = parameter(3, "good images before a found pose is reported", "", 1, 100)
     information_share: float = parameter(
         0.5, "share of the pixels' information that is independent", "", 0.01, 1.0
     )

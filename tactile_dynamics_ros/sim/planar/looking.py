@@ -51,7 +51,7 @@ class Look:
 
     Attributes:
         time: s. depth: (H, W) m. camera: that took it.
-        seen: None where nothing was told. shape: of the object, as the tracker knows it.
+        seen: None where nothing was reported. shape: of the object, as the tracker knows it.
     """
 
     time: float
@@ -141,7 +141,7 @@ def looked_at(
 
 @dataclass(frozen=True, eq=False)
 class Told:
-    """The N images of which a pose was told.
+    """The N images of which a pose was reported.
 
     Attributes:
         rows: (N,) which images. poses: (N, 3) x, y (m) and yaw (rad), near the true turn.
@@ -155,7 +155,7 @@ class Told:
 
 
 def told_of(looks: Sequence[Look], yaw: Array) -> Told:
-    """Return what was told of images.
+    """Return what was reported of images.
 
     Args:
         looks: all images.

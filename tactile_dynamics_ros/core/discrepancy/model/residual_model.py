@@ -209,7 +209,7 @@ class ResidualModel(Protocol):
         """Families of the effects that the model could have."""
 
     def conditions(self) -> Sequence[Condition]:
-        """Scalars by which a regime may be told, one value for each instant."""
+        """Scalars by which a regime may be reported, one value for each instant."""
 
     def with_effect(self, family: Family, coefficients: Array) -> ResidualModel:
         """Fit quickly with one more effect, starting at coefficients of the family."""

@@ -23,14 +23,15 @@ few blocks of a short regime, shorter lets what is correlated pass for independe
 _FEWEST = 4
 """Blocks inside and outside at least: of fewer the scatter is unknown. More refuse short ones."""
 _SIGNIFICANT = 1e-2
-"""P-value from which a regime is told, as that of the adequacy test. Higher tells more of them by
-chance, lower none of recordings of a few seconds."""
+"""P-value from which a regime is reported, as that of the adequacy test. Higher tells more of them
+by chance, lower none of recordings of a few seconds."""
 _CONTRAST = 1.2
-"""Mean square inside over that outside from which a regime is told: what a fit has not seen is a
-few per cent larger in any case. Lower tells regimes of motion that the rest does not have."""
+"""Mean square inside over that outside from which a regime is reported: what a fit has not seen is
+a few per cent larger in any case. Lower tells regimes of motion that the rest does not have."""
 _NOTABLE = 0.7
-"""Share of the excess error that a regime must hold to be told: what fails everywhere alike has as
-much in a regime as the share of time that it takes. Lower tells regimes of what follows speed."""
+"""Share of the excess error that a regime must hold to be reported: what fails everywhere alike has
+as much in a regime as the share of time that it takes. Lower tells regimes of what follows
+speed."""
 
 
 @dataclass(frozen=True)

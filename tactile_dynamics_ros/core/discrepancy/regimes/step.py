@@ -43,7 +43,7 @@ _MOST_CANDIDATES = 8
 first four in all cases."""
 _HALF = 0.5
 """Share of what effects that act everywhere leave, beyond noise, that one in a regime may leave at
-most to be preferred to them. Nearer to 1 regimes are told for what is next to nothing."""
+most to be preferred to them. Nearer to 1 regimes are reported for what is next to nothing."""
 
 
 def add_regional_effects(

@@ -28,7 +28,7 @@ _AS_LIKELY = DiagnosisConfig().indifference
 """Difference of -2 log evidence to the best within which another effect may be the cause as well,
 that which does not decide for the diagnosis either: all of them must leave the estimates where they
 are. Lower calls a finding a trace though a likely rival moves the estimates; higher asks of so many
-rivals that traces are told as missing effects."""
+rivals that traces are reported as missing effects."""
 
 _WEAK = "is too little for any known effect to be named"
 """Reason of a trace that an effect could make which would move estimates, had it any evidence."""

@@ -9,15 +9,15 @@ from typing import Any
 Table = Mapping[str, Mapping[str, Any]]
 
 _AXES = ("x", "y", "z")
-"""Endings of parameters that are told as one vector, `force_x` to `force_z`; with others the
-components would be told one by one."""
+"""Endings of parameters that are reported as one vector, `force_x` to `force_z`; with others the
+components would be reported one by one."""
 _MOST_PARAMETERS = 3
 """Parameters that a sentence names at most: three (a vector counts as one) are still read at a
 glance. More make sentences longer; the document and the report have all."""
 _UNDETERMINED = 3.0
-"""Standard deviation of a share, over that of the sum, from which only the sum is told: the data
-then say nine times more of the sum than of the share. At 1.5 shares of two fingers that are known
-apart are not told, at 6 shares that are nothing but the prior's may be."""
+"""Standard deviation of a share, over that of the sum, from which only the sum is reported: the
+data then say nine times more of the sum than of the share. At 1.5 shares of two fingers that are
+known apart are not told, at 6 shares that are nothing but the prior's may be."""
 
 _LEAST_P_VALUE = 1e-16
 """Probability below which only this bound is written: tails of distributions are computed to double

@@ -94,7 +94,7 @@ def _load_classes(path: Path) -> tuple[Effect, ...]:
         spec.loader.exec_module(module)
     except BadInputError as error:
         raise BadInputError(f"{path}: {error}") from error
-    except Exception as error:  # whatever a user's file raises is told in one line
+    except Exception as error:  # whatever a user's file raises is reported in one line
         raise BadInputError(f"{path}: {type(error).__name__}: {error}") from error
     classes = (v for v in vars(module).values() if isinstance(v, type) and issubclass(v, Effect))
     names = {found.name for found in classes} - set(EFFECT_NAMES)

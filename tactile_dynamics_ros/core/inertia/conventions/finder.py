@@ -236,7 +236,7 @@ def _is_equal(best: _Fitted, other: _Fitted) -> bool:
 
 
 def _ranks_equal(best: Reading, other: Reading, readings: Readings) -> bool:
-    """Whether another convention leaves as little; forms of one are told by their fits."""
+    """Whether another convention leaves as little; forms of one are identified by their fits."""
     return other.name != best.name and readings.ranks_equal(best, other)
 
 

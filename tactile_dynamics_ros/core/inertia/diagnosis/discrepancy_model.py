@@ -56,7 +56,7 @@ _LEAST_SPAN = 1.8
 the windows at their ends. With one of eight effects of usual size (three seeds each) the test calls
 3 of 24 recordings of half a second adequate, 1 of those of one second, none of those of two; it is
 the contact offset that takes longest. Shorter calls absent what was not seen, longer refuses what
-can be told."""
+can be reported."""
 _UNFOLLOWED = 0.1
 """Share of poses too far apart to show the motion from which a misfit is put down to that: clean
 slow recordings have at most 3 %. Higher, effects are named that only stand in for motion between

@@ -236,7 +236,7 @@ def plan_separation(best: WhitenedModel, others: Sequence[WhitenedModel]) -> dic
 
     Args:
         best: the model with the effect that was chosen.
-        others: the same with the effects that cannot be told from it.
+        others: the same with the effects that cannot be distinguished from it.
 
     Returns:
         Kind, description in words, numbers, expected chi^2; None if nothing would help.

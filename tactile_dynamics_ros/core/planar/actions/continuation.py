@@ -24,7 +24,8 @@ Array = NDArray[np.float64]
 _STEP = 2e-3
 """s of the simulation: an impact of a stiff tip takes ten of them."""
 _STIFFNESS = 1e4
-"""N/m of tip and arm, as usual arms have; twice as much changes what is told of the mass by 5 %."""
+"""N/m of tip and arm, as usual arms have; twice as much changes what is reported of the mass by 5
+%."""
 _PAUSE = 1.0
 """s between the recording and the push: they are two sessions for the estimator."""
 _TOUCH = 1e-3

@@ -1,4 +1,4 @@
-"""Pushes in directions that differ, by which what has changed is told from friction."""
+"""Pushes in directions that differ, by which what has changed is distinguished from friction."""
 
 from __future__ import annotations
 

@@ -42,8 +42,8 @@ _ELSEWHERE = 0.02
 """Distance, m, from a push that met too much force within which none begins: something may be in
 the way of it. Half the least width of objects, so that other places are left."""
 _RIVALS = 4
-"""Pushes from other places that are told beside the chosen one, for people: more hide the object
-on a page."""
+"""Pushes from other places that are reported beside the chosen one, for people: more hide the
+object on a page."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,7 +38,7 @@ _FIELDS = (0.01, 0.02, 0.04, 0.07, 0.1, 0.14)
 """Relative standard deviations of the field over the table that are compared, likewise."""
 _LENGTHS = (0.03, 0.1)
 """Distances over which the field stays alike, m: grain and wear, and a table that was wiped or
-lacquered unevenly. What lies between is told as either: log evidence differs by less than 4."""
+lacquered unevenly. What lies between is reported as either: log evidence differs by less than 4."""
 _CLEAR = 10.0
 """Log evidence by which a field has to beat the best single effect on an even table: on tables
 made for tuning whose friction varies by 5 % it was 19 and more, on those with a slope less than 0.
@@ -52,8 +52,8 @@ _STEEP = 2.0
 tables with fields of 5 % it was -1.0 at most on eight made for tuning, and above 0.5 on one of
 eight others; with a slope besides above 2 on four of nine. Lower makes fields seem slopes."""
 _ALIKE = 1.0
-"""Log evidence within which the smaller field is told: over a few of its lengths a smooth field of
-14 % makes the same as one of 7 %, and the larger would be said of the table."""
+"""Log evidence within which the smaller field is reported: over a few of its lengths a smooth field
+of 14 % makes the same as one of 7 %, and the larger would be said of the table."""
 _CHANCE = 3.0
 """Log evidence that chance makes, one in twenty: a field that is worse than an effect by no more
 may as well be the cause."""

@@ -97,7 +97,7 @@ class ContactOffset(PushEffect):
     name = "contact_offset"
     family = "sensor"
     formula = "point_true = point - R d, R by the pusher's axes"
-    looks_like = "The object turns as if it were pushed beside the point that is told."
+    looks_like = "The object turns as if it were pushed beside the point that is reported."
     sentence = "the contact point is off"
     remedy = "Calibrate the tip of the pusher."
     parameters = (

@@ -35,7 +35,7 @@ _FLOOR = 0.02
 
 @dataclass(frozen=True)
 class ChangeConfig:
-    """How a change is told from friction that differs from place to place."""
+    """How a change is distinguished from friction that differs from place to place."""
 
     piece: float = parameter(0.02, "of a way over which friction is alike", "m", 1e-3, 0.5)
     pieces: int = parameter(12, "of the latest pushes that are looked at", "", 2, 100)
@@ -57,7 +57,7 @@ class Change:
 
     Attributes:
         statistic: chi-square of three numbers under no change, over the inflation.
-        threshold: above which a change is told.
+        threshold: above which a change is reported.
         since: s, just before what must have changed: the latest beginning that is likely.
         force: (2,) N that seems to act on the object beside friction, axes of S.
         friction: factor on friction less 1 that seems to have come.

@@ -31,10 +31,10 @@ _POOR = 1.5
 """Error over the noise from which a fit is said not to fit: clean simulated pushes have 0.9 to 1.2;
 effects raise it to 1.1 to 5, and what is below is a matter for `diagnose`."""
 _TOLD = 2.0
-"""Size of an effect's parameter over its standard deviation from which it is told: right effects of
-eight simulated changes had 8 to 40, those that stood for a second object 1."""
+"""Size of an effect's parameter over its standard deviation from which it is reported: right
+effects of eight simulated changes had 8 to 40, those that stood for a second object 1."""
 _APART = 4.0
-"""Difference of two friction forces in their standard deviations from which it is told."""
+"""Difference of two friction forces in their standard deviations from which it is reported."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ def of_fit(fit: PushedEstimate, live: Properties, refused: str) -> Properties:
 
 
 def vague_effects(fit: PushedEstimate) -> tuple[str, ...]:
-    """Effects in the model of which no parameter is told.
+    """Effects in the model of which no parameter is reported.
 
     Where the model lacks something else, fits end with a heavy object on ice, beside which an
     effect may have any size.

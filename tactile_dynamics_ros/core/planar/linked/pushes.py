@@ -178,7 +178,7 @@ def begun_motion(pushes: PairPushes, pair: KnownPair) -> BegunMotion:
 
 
 def locked(pair: KnownPair) -> KnownPair:
-    """The pair with a joint that no push turns: what its torque would have to hold is told."""
+    """The pair with a joint that no push turns: what its torque would have to hold is reported."""
     return replace(pair, torque=1e3)
 
 

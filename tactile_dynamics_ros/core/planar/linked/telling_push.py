@@ -26,9 +26,10 @@ named that work with smooth tips too."""
 _SPEED = 0.2
 """m/s at which it is proposed: fast enough for inertia to help, slow enough for arms that push."""
 _ENOUGH = np.radians(10.0)
-"""Turn of the joint for which the way is told, rad: twice what shares and joint friction need."""
+"""Turn of the joint for which the way is reported, rad: twice what shares and joint friction
+need."""
 _LOOSER = 0.5
-"""Friction of the joint for which the way is told, over the one that would hold: one that turns
+"""Friction of the joint for which the way is reported, over the one that would hold: one that turns
 readily. At 0.9 ways become twice as long."""
 _WAYS = (0.03, 0.15)
 """Shortest and longest way that is proposed, m: what tells at all, and what tables leave."""

@@ -16,8 +16,8 @@ Mask = NDArray[np.bool_]
 
 _GAIN = 1e5
 """Force per slip velocity that holds the contact, N s/m: 3 N let it creep by 0.03 mm/s. The tip's
-own spring is left out: a depth of micrometres cannot be told from poses of 0.5 mm, and its force
-would be the poses' noise. Ten times less would change velocities by 1 % of a slow push."""
+own spring is left out: a depth of micrometres cannot be distinguished from poses of 0.5 mm, and its
+force would be the poses' noise. Ten times less would change velocities by 1 % of a slow push."""
 _TURNING_GAIN = 100.0
 """Torque per turning rate that holds a grip, N m s/rad: 0.1 N m let it creep by 0.06 deg/s."""
 _CLOSING = 0.1

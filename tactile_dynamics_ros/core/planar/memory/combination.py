@@ -70,7 +70,7 @@ def _told(undetermined: tuple[str, ...]) -> NDArray[np.bool_]:
 
 
 def _information(covariance: Array, told: NDArray[np.bool_]) -> Array:
-    """Information (4, 4) on what is told, the rest unknown; zero elsewhere."""
+    """Information (4, 4) on what is reported, the rest unknown; zero elsewhere."""
     found, rows = np.zeros((4, 4)), np.flatnonzero(told)
     found[np.ix_(rows, rows)] = np.linalg.inv(covariance[np.ix_(rows, rows)])
     return found

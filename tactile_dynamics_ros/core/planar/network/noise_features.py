@@ -97,7 +97,7 @@ class Touched:
 
 @dataclass(frozen=True, eq=False)
 class Looked:
-    """N poses that were told of images.
+    """N poses that were reported of images.
 
     Attributes:
         visible: (N,) share of the near side that nothing hides.

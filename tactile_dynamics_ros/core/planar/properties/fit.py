@@ -99,11 +99,11 @@ over the radius of gyration. Flat faces touch in places: where an object turns a
 such a place holds it. At 0 and 0 one in eight centres of short pushes was 2.5 std off; twice as
 much widens centres of six pushes by 1.7."""
 _TOLD = 10.0
-"""Log evidence by which an even table must lead to be told: of 13 recordings of two pushes on
+"""Log evidence by which an even table must lead to be reported: of 13 recordings of two pushes on
 tables that vary by 10 % none led by more than 3 where the mass was known. Larger is wider."""
 _MASS_KNOWN = 0.2
-"""Std of ln mass from which no table is told even: one that varies by 10 % led by 16 with a mass
-that was 44 % off at 0.28, its product then 5.7 std off. After two pushes nine
+"""Std of ln mass from which no table is reported even: one that varies by 10 % led by 16 with a
+mass that was 44 % off at 0.28, its product then 5.7 std off. After two pushes nine
 of 13 even ones have 0.13 to 0.2; less widens more of their products."""
 
 

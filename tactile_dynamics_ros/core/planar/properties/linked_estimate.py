@@ -38,8 +38,8 @@ _UNKNOWN_COM = 0.25
 """Std of a coordinate of the centre of mass over the footprint's radius of gyration from which it
 is undetermined, as of one part."""
 TURNED = np.radians(5.0)
-"""Turn of a joint from which its friction and the parts' shares are told, rad. At 2 degrees of six
-joints two came out with a tenth of their friction torque, at a stated half."""
+"""Turn of a joint from which its friction and the parts' shares are reported, rad. At 2 degrees of
+six joints two came out with a tenth of their friction torque, at a stated half."""
 _SHARE_SPREAD = 0.8
 """Standard deviation of ln(mass ratio over area ratio) of two parts before the data: other heights
 and materials. Where parts move as one body it is nearly all that is known."""

@@ -20,8 +20,8 @@ Array = NDArray[np.float64]
 STRUCTURES = ("rigid", "jointed", "separate")
 """What two parts may be to each other, in the order of arrays of this module."""
 DECIDED = 0.95
-"""Probability from which a structure is told: one in twenty of such answers may be wrong. Below it
-the answer is "undecided"."""
+"""Probability from which a structure is reported: one in twenty of such answers may be wrong. Below
+it the answer is "undecided"."""
 _TURNS = np.radians((1.0, 3.0, 10.0, 30.0, 90.0))
 """How far a joint turns over a recording, rad, each as likely as the next; half a degree is not
 told from rest. More of them change the evidence by less than 1."""

@@ -33,7 +33,7 @@ class LookingConfig:
     """Which object is looked at, how often, and what of the images is used."""
 
     object: int = parameter(1, "the K-th largest of those that the first look shows", "", 1, 20)
-    most_looks: int = parameter(6, "looks after which the shape is told at the latest", "", 1, 20)
+    most_looks: int = parameter(6, "looks after which the shape is reported anyway", "", 1, 20)
     most_points: int = parameter(1500, "of each look that are used", "", 100, 10_000)
     align: bool = parameter(
         False, "align looks to each other: only where camera/pose is off by millimetres"

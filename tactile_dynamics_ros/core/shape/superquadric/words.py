@@ -82,7 +82,7 @@ def remarks_of(found: TableObject) -> list[str]:
     if inside > _INSIDE and deep.sum() > _OPEN * over.sum():
         remarks.append(
             f"its top is open: {100 * inside:.0f} % of its points lie below the rim, inside; what "
-            "is told is its outside"
+            "is reported is its outside"
         )
     elif inside > _INSIDE:
         remarks.append(

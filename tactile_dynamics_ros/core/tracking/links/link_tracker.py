@@ -179,7 +179,7 @@ class LinkTracker:
         self._last = motion @ self._last
 
     def accept(self, fit: Fit, scene: Scene, time: float) -> Sighting | None:
-        """Take an alignment; return the pose if it may be told."""
+        """Take an alignment; return the pose if it may be reported."""
         camera = scene.camera.pose
         if not self.followed:
             self._doubt = self._compare(scene, fit)

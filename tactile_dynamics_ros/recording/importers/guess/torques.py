@@ -17,7 +17,7 @@ wrong leave several times as much."""
 _CLEAR = 10.0
 """Standard deviations by which the first moment that turning shows in the forces must contradict
 that of the torques for them to be of the other sign. Filters and noise of the motion feign two or
-three; where nothing turns quickly, no sign of torques can be told."""
+three; where nothing turns quickly, no sign of torques can be reported."""
 _SAME_MASS = 0.1
 """Share by which mass by weight and by acceleration differ at most where a world leans: cables and
 springs that pull a load aside change its weight."""
