@@ -43,11 +43,12 @@ from tactile_dynamics_ros.core.tactile.network.estimator import (
     NetworkForceEstimator,
     predict_presses,
 )
-from tactile_dynamics_ros.core.tactile.network.inputs import lagged, network_inputs
 from tactile_dynamics_ros.core.tactile.network.training import TrainingConfig, train_network
 from tactile_dynamics_ros.core.tactile.network.weights import (
     SHIPPED_NETWORK,
     NetworkWeights,
+    lagged,
+    network_inputs,
     shipped_network,
 )
 from tactile_dynamics_ros.core.tactile.unit_gain import fit_unit_gain

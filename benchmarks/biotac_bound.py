@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.sim.sensors.biotac import BioTacArray, BioTacConfig
 from tactile_dynamics_ros.sim.sensors.biotac.presses import PressConfig, plan_presses, protocols
-from tactile_dynamics_ros.sim.sensors.biotac.signals import electrode_counts, static_pressure
+from tactile_dynamics_ros.sim.sensors.biotac.sensor import electrode_counts, static_pressure
 from tactile_dynamics_ros.sim.sensors.biotac.skin import (
     fluid_thickness,
     indent,

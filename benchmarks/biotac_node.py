@@ -76,9 +76,8 @@ def _round_trips(
 
     from tactile_dynamics_ros.ros.conversions import biotac_to_message
     from tactile_dynamics_ros.ros.diagnostics import status_values
-    from tactile_dynamics_ros.ros.listening import take_messages
+    from tactile_dynamics_ros.ros.listening import Waiter, take_messages
     from tactile_dynamics_ros.ros.shell import STREAM
-    from tactile_dynamics_ros.ros.waiting import Waiter
 
     rclpy.init()
     here = rclpy.create_node("biotac_latency")

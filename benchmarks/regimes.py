@@ -23,7 +23,7 @@ from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldOb
 from tactile_dynamics_ros.core.inertia.diagnosis.readings import fit_with_readings
 from tactile_dynamics_ros.core.numerics.regime import split_label
 from tactile_dynamics_ros.synthetic import CATALOGUE, generate, generate_at_whitened_rms
-from tactile_dynamics_ros.synthetic.effects.gated import Gated
+from tactile_dynamics_ros.synthetic.effects.base import Gated
 from tactile_dynamics_ros.synthetic.recordings import HiddenRecording
 
 FIRST_SEED = 48000

@@ -17,8 +17,7 @@ import numpy as np
 
 from tactile_dynamics_ros.core.inertia.estimate import estimate
 from tactile_dynamics_ros.recording import Recording
-from tactile_dynamics_ros.report.estimates import draw_convergence
-from tactile_dynamics_ros.report.history import settle
+from tactile_dynamics_ros.report.estimates import draw_convergence, settle
 from tactile_dynamics_ros.report.style import house_style, to_png
 
 

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.support.layouts import WristLog, arms, laboratory
 from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.synthetic import ScenarioOptions, generate_at_whitened_rms
-from tactile_dynamics_ros.synthetic.bag import write_bag
+from tactile_dynamics_ros.synthetic.recordings import write_bag
 
 ROOT = Path(__file__).resolve().parents[2]
 GRIPPER, LOAD = (0.9, np.array([0.0, 0.004, 0.05])), (0.4, np.array([0.01, -0.006, 0.14]))

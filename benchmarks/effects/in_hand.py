@@ -22,7 +22,7 @@ from benchmarks.effects.product import ask_command
 from benchmarks.effects.running import named_effects, read_records
 from benchmarks.inertia.in_hand import record_in_hand
 from tactile_dynamics_ros.sim.hidden_effects import CATALOGUED, OUTSIDE
-from tactile_dynamics_ros.synthetic.bag import write_bag
+from tactile_dynamics_ros.synthetic.recordings import write_bag
 
 RECORDS = Path("out/bench_effects/in_hand.jsonl")
 _BOX = "box_0"

@@ -19,9 +19,8 @@ import numpy as np
 from benchmarks.effects.cases import Case
 from benchmarks.effects.product import Answer, Ask, ask_command
 from benchmarks.support.planned import record_plan
-from tactile_dynamics_ros.synthetic.bag import write_bag
 from tactile_dynamics_ros.synthetic.calibration import excess_by_channel, excess_rms
-from tactile_dynamics_ros.synthetic.recordings import HiddenRecording
+from tactile_dynamics_ros.synthetic.recordings import HiddenRecording, write_bag
 
 
 def run_case(case: Case, ask: Ask = ask_command) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from typing import Any
 from benchmarks.friction.generator import EFFECTS, draw_surface, generate_events
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.friction.discrepancy_model import FrictionModel
-from tactile_dynamics_ros.core.friction.slip_table import tabulate_slips
+from tactile_dynamics_ros.core.friction.slip_log import tabulate_slips
 
 FIRST_SEED = 2000
 CLEAN_PER_SEED = 5

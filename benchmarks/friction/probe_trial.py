@@ -12,24 +12,27 @@ from numpy.typing import NDArray
 from benchmarks.support.hand_contacts import hand_contacts
 from tactile_dynamics_ros.core.contact.contact_state import ContactState
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
-from tactile_dynamics_ros.core.friction.electrode_motion import ElectrodeMotion
 from tactile_dynamics_ros.core.friction.estimate import FrictionEstimate, SlipEvent
 from tactile_dynamics_ros.core.friction.probe import FrictionProbe
-from tactile_dynamics_ros.core.friction.probe_config import FrictionProbeConfig
-from tactile_dynamics_ros.core.friction.probe_input import ProbeContact, ProbeInput
+from tactile_dynamics_ros.core.friction.probe_config import (
+    FrictionProbeConfig,
+    ProbeContact,
+    ProbeInput,
+)
+from tactile_dynamics_ros.core.friction.slip_detection import ElectrodeMotion
 from tactile_dynamics_ros.core.manipulation.grasp_controller import (
     GraspConfig,
     GraspController,
     Phase,
 )
-from tactile_dynamics_ros.core.manipulation.grasp_site import GraspSite
+from tactile_dynamics_ros.core.manipulation.grasp_planner import GraspSite
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.core.shape.friction_regions import ObjectSurface
 from tactile_dynamics_ros.core.tactile.estimators import create_force_estimator
 from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
 from tactile_dynamics_ros.core.tactile.slip import SlipDetector
-from tactile_dynamics_ros.core.tracking.pose_average import average_poses
+from tactile_dynamics_ros.core.tracking.pose_fusion import average_poses
 from tactile_dynamics_ros.sim.simulated_robot import SimulatedRobot, SimulatedRobotConfig
 from tactile_dynamics_ros.sim.skin_friction import SkinFriction, SurfaceFriction
 

@@ -9,7 +9,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.manipulation.grasp_site import GraspSite
+from tactile_dynamics_ros.core.manipulation.grasp_planner import GraspSite
 from tactile_dynamics_ros.core.shape.friction_regions import WHOLE, ObjectSurface
 from tactile_dynamics_ros.sim.skin_friction import SurfaceFriction
 

@@ -22,9 +22,8 @@ from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.robot.robot_file import DEFAULT_ROBOT
 from tactile_dynamics_ros.core.streams.streams import ContactStream, PoseStream, Streams
 from tactile_dynamics_ros.core.tracking.kinematic_tracker import KinematicTracker
-from tactile_dynamics_ros.core.tracking.pose_average import average_poses
-from tactile_dynamics_ros.core.tracking.pose_fusion import PoseFusion
-from tactile_dynamics_ros.sim.sensors.pads import ForceTorquePads
+from tactile_dynamics_ros.core.tracking.pose_fusion import PoseFusion, average_poses
+from tactile_dynamics_ros.sim.sensors.fingertips import ForceTorquePads
 from tactile_dynamics_ros.sim.simulated_robot import (
     Readings,
     SimulatedRobot,

@@ -24,8 +24,13 @@ from tactile_dynamics_ros.core.planar.network.noise_features import (
 from tactile_dynamics_ros.sim.planar.looking import Told, looked_at, told_of
 from tactile_dynamics_ros.synthetic import pushed
 from tactile_dynamics_ros.synthetic.pushed.scene import STEP
-from tactile_dynamics_ros.synthetic.pushed.sensed import POSE_STD, SensedStep, sensed_steps
-from tactile_dynamics_ros.synthetic.pushed.touches import FeltErrors, felt_errors
+from tactile_dynamics_ros.synthetic.pushed.sensed import (
+    POSE_STD,
+    FeltErrors,
+    SensedStep,
+    felt_errors,
+    sensed_steps,
+)
 from tactile_dynamics_ros.synthetic.pushed.transitions import states_at
 
 Array = NDArray[np.float64]

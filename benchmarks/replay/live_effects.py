@@ -23,8 +23,7 @@ from benchmarks.replay.tape import messages_of
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import PARAMETER_NAMES
 from tactile_dynamics_ros.synthetic import CATALOGUE
-from tactile_dynamics_ros.synthetic.bag import write_bag
-from tactile_dynamics_ros.synthetic.recordings import HiddenRecording
+from tactile_dynamics_ros.synthetic.recordings import HiddenRecording, write_bag
 
 NODE = "inertial_estimator"
 LEVEL = 2.0

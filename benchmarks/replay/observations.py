@@ -11,8 +11,8 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.ros.inertia_status import read_inertia_status
-from tactile_dynamics_ros.ros.status_reader import Statuses, status_values, to_number
+from tactile_dynamics_ros.ros.diagnostics import Statuses, status_values, to_number
+from tactile_dynamics_ros.ros.statuses import read_inertia_status
 
 Array = NDArray[np.float64]
 

@@ -14,12 +14,12 @@ from tactile_dynamics_ros.core.planar.actions.straight import straight_action as
 from tactile_dynamics_ros.core.planar.actions.travel import Travel
 from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, PushedStreams
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3
-from tactile_dynamics_ros.sim.planar.links import Outline, outlines
 from tactile_dynamics_ros.sim.planar.simulated_table import (
     SimulatedTable,
     SimulatedTableConfig,
     TableReadings,
 )
+from tactile_dynamics_ros.sim.planar.table import Outline, outlines
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ import numpy as np
 from tactile_dynamics_ros.synthetic import randomness
 from tactile_dynamics_ros.synthetic.calibration import magnitude_for_whitened_rms
 from tactile_dynamics_ros.synthetic.effects import create_hidden_effect
-from tactile_dynamics_ros.synthetic.effects.gated import Bounds, Gated
+from tactile_dynamics_ros.synthetic.effects.base import Bounds, Gated
 from tactile_dynamics_ros.synthetic.effects.measurement import ForceScale
 from tactile_dynamics_ros.synthetic.grasp import FINGERS
 from tactile_dynamics_ros.synthetic.recordings import HiddenRecording, record

@@ -22,7 +22,7 @@ from tactile_dynamics_ros.core.manipulation.grasp_controller import GraspConfig,
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.shape.object_shape import load_shape
 from tactile_dynamics_ros.core.tracking.depth_image import PinholeCamera
-from tactile_dynamics_ros.core.tracking.pose_average import average_poses
+from tactile_dynamics_ros.core.tracking.pose_fusion import average_poses
 from tactile_dynamics_ros.core.tracking.vision_tracker import VisionTracker
 from tactile_dynamics_ros.share import object_file
 from tactile_dynamics_ros.sim.simulated_robot import SimulatedRobot, SimulatedRobotConfig

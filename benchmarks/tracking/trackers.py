@@ -15,8 +15,7 @@ from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.shape.object_shape import ObjectShape
 from tactile_dynamics_ros.core.tracking.depth_image import DepthNoiseConfig
 from tactile_dynamics_ros.core.tracking.kinematic_tracker import KinematicTracker
-from tactile_dynamics_ros.core.tracking.pose_average import average_poses
-from tactile_dynamics_ros.core.tracking.pose_fusion import PoseFusion
+from tactile_dynamics_ros.core.tracking.pose_fusion import PoseFusion, average_poses
 from tactile_dynamics_ros.core.tracking.robot_volume import RobotVolume
 from tactile_dynamics_ros.core.tracking.scene import view_sphere
 from tactile_dynamics_ros.core.tracking.vision_tracker import Sighting, TrackingState, VisionTracker

@@ -230,8 +230,7 @@ class Estimate(ReportedResult):
 
     def draw(self) -> Figure:
         """Draw how the estimate settles; with a tool or prior, what remains unexplained."""
-        from tactile_dynamics_ros.report.estimates import draw_convergence, draw_residuals
-        from tactile_dynamics_ros.report.history import settle
+        from tactile_dynamics_ros.report.estimates import draw_convergence, draw_residuals, settle
 
         if self._is_plain:
             return draw_convergence(settle(self.model), None, self.undetermined)

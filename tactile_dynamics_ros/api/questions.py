@@ -126,7 +126,7 @@ def question_friction(
 ) -> Question:
     """Fit Coulomb friction, with the named effects, to the slips of a probe's recording."""
     from tactile_dynamics_ros.core.friction.discrepancy_model import FrictionModel
-    from tactile_dynamics_ros.core.friction.slip_table import tabulate_slips
+    from tactile_dynamics_ros.core.friction.slip_log import tabulate_slips
     from tactile_dynamics_ros.recording.probe_slips import read_slips
 
     slips = tabulate_slips(read_slips(probe, namespace))

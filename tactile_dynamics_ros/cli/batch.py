@@ -14,8 +14,15 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from tactile_dynamics_ros.cli.batch_jobs import Answer, Job, ask
-from tactile_dynamics_ros.cli.batch_table import columns, row, short_names, write_index
+from tactile_dynamics_ros.cli.batch_table import (
+    Answer,
+    Job,
+    ask,
+    columns,
+    row,
+    short_names,
+    write_index,
+)
 from tactile_dynamics_ros.cli.recordings import add_recording_arguments
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError, require_extra
 from tactile_dynamics_ros.core.files import written_whole

@@ -20,7 +20,7 @@ from tactile_dynamics_ros.cli.bringup import (
     require_table_object,
     write_parameters,
 )
-from tactile_dynamics_ros.cli.demo_findings import Findings, doubts
+from tactile_dynamics_ros.cli.demo_result import Findings, doubts
 from tactile_dynamics_ros.cli.domain import private_domain
 from tactile_dynamics_ros.cli.live import (
     DEFAULT_CONFIG,

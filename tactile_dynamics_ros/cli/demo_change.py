@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
-from tactile_dynamics_ros.ros.status_reader import Statuses
+from tactile_dynamics_ros.ros.diagnostics import Statuses
 
 if TYPE_CHECKING:
     from rclpy.node import Node

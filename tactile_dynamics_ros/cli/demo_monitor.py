@@ -1,13 +1,15 @@
-"""What the demo sees of the running nodes: phase, estimates, pace."""
+"""What the demo hears and sees of the running nodes: phase, estimates, pace, table."""
 
 from __future__ import annotations
 
 import json
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
+from math import atan2
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import rclpy
@@ -19,18 +21,159 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 
 from tactile_dynamics_ros.cli.bringup import nodes_of
-from tactile_dynamics_ros.cli.grasp_start import GraspStart
 from tactile_dynamics_ros.cli.topics import call_trigger
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
-from tactile_dynamics_ros.report.history import EstimateHistory
-from tactile_dynamics_ros.ros.arguments import start_tool
+from tactile_dynamics_ros.report.estimates import EstimateHistory
+from tactile_dynamics_ros.ros import names
 from tactile_dynamics_ros.ros.conversions import to_seconds
-from tactile_dynamics_ros.ros.diagnostics import status_values
-from tactile_dynamics_ros.ros.inertia_status import InertiaStatus, read_inertia_status
-from tactile_dynamics_ros.ros.names import DIAGNOSTICS, ESTIMATOR_STATUS, GRASP_PHASE, REVEAL
+from tactile_dynamics_ros.ros.diagnostics import Statuses, status_values, to_number
+from tactile_dynamics_ros.ros.executable import start_tool
+from tactile_dynamics_ros.ros.names import (
+    DIAGNOSTICS,
+    ESTIMATOR_STATUS,
+    GRASP_PHASE,
+    GRASP_START,
+    REVEAL,
+)
 from tactile_dynamics_ros.ros.shell import LATCHED
+from tactile_dynamics_ros.ros.statuses import InertiaStatus, read_inertia_status
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
+
+ASK_EVERY = 0.5
+"""Pause between two questions, s of real time: half a second is nothing beside a grasp of ten."""
+PATIENCE = 5.0
+"""Time for an answer, s of real time: the node answers at once, so that one which is still out by
+then was asked of a node that has died meanwhile."""
+
+
+class GraspStart:
+    """Calls grasp_controller/start when all nodes are there, and again until that is accepted.
+
+    Call `advance` often; nothing here blocks.
+
+    Args:
+        node: to talk with.
+        awaited: names of the nodes that must be there.
+        say: prints a line for people.
+
+    Attributes:
+        accepted: whether the motion was started.
+        reason: why it was not, so far.
+    """
+
+    def __init__(self, node: Node, awaited: Sequence[str], say: Callable[[str], None]) -> None:
+        self.accepted, self.reason = False, ""
+        self._node, self._awaited, self._say = node, set(awaited), say
+        self._client = node.create_client(Trigger, GRASP_START)
+        self._question: Any = None
+        self._asked = 0.0
+
+    def advance(self) -> None:
+        """Ask if it is time, and hear the answer."""
+        if self.accepted:
+            return
+        if self._question is not None and self._question.done():
+            answer, self._question = self._question.result(), None
+            self.accepted, self.reason = answer.success, answer.message
+            if self.accepted:
+                self._say(f"{GRASP_START}: {answer.message}")
+        elif time.monotonic() - self._asked > (ASK_EVERY if self._question is None else PATIENCE):
+            self._asked = time.monotonic()
+            self._ask()
+
+    def _ask(self) -> None:
+        if self._question is not None:
+            self._client.remove_pending_request(self._question)
+            self._question, self.reason = None, f"no answer of {GRASP_START}"
+        missing = self._awaited - set(self._node.get_node_names())
+        if missing:
+            self.reason = f"no node {min(missing)} yet"
+        elif self._client.service_is_ready():
+            self._question = self._client.call_async(Trigger.Request())
+
+
+NODES = {"shape_estimator", "property_estimator", "explorer", "push_controller", "model_check"}
+"""Nodes of the story that have to be there before it begins."""
+LINKS = ("link_1", "link_2")
+"""Parts that objects of the table have at most."""
+
+
+class Log:
+    """Keeps the ways and outlines of the parts, and the estimates.
+
+    Args:
+        node: that listens.
+
+    Attributes:
+        paths: of each part, rows of x, y (m), yaw (rad) and time (s). outlines: of each part.
+        history: estimates by name, each with time, value and std.
+    """
+
+    def __init__(self, node: Node) -> None:
+        from diagnostic_msgs.msg import DiagnosticArray
+        from geometry_msgs.msg import PolygonStamped, PoseStamped, PoseWithCovarianceStamped
+
+        from tactile_dynamics_ros.ros.shell import LATCHED, STREAM
+
+        self.paths: dict[str, list[list[float]]] = {link: [] for link in LINKS}
+        self.outlines: dict[str, list[list[float]]] = {}
+        self.history: list[dict[str, Any]] = []
+        self._node, self._pusher = node, False
+        for link in LINKS:
+            pose, outline = (names.link_topic(link, kind) for kind in ("pose", "footprint"))
+            take_pose, take_outline = partial(self._on_pose, link), partial(self._on_outline, link)
+            node.create_subscription(PoseWithCovarianceStamped, pose, take_pose, STREAM)
+            node.create_subscription(PolygonStamped, outline, take_outline, LATCHED)
+        node.create_subscription(PoseStamped, names.PUSHER_POSE, self._on_pusher, STREAM)
+        status = names.PROPERTY_STATUS
+        node.create_subscription(DiagnosticArray, status, self._on_properties, LATCHED)
+
+    @property
+    def ready(self) -> bool:
+        """Whether robot, object and all nodes are heard."""
+        heard = bool(self.paths["link_1"]) and "link_1" in self.outlines and self._pusher
+        return heard and set(self._node.get_node_names()) >= NODES
+
+    @property
+    def parted(self) -> bool:
+        """Whether a second part is tracked."""
+        return "link_2" in self.outlines
+
+    @property
+    def now(self) -> float:
+        """Time of the newest pose, s."""
+        return self.paths["link_1"][-1][3]
+
+    def document(self) -> dict[str, Any]:
+        """Return the parts with their outlines and ways, and the history of a single one."""
+        seen = [link for link in LINKS if link in self.outlines]
+        parts = [{"footprint": self.outlines[link], "path": self.paths[link]} for link in seen]
+        return {"parts": parts, "history": [] if self.parted else self.history}
+
+    def _on_pose(self, link: str, message: Any) -> None:
+        pose, stamp = message.pose.pose, message.header.stamp
+        turn = 2.0 * atan2(pose.orientation.z, pose.orientation.w)
+        row = [pose.position.x, pose.position.y, turn, stamp.sec + 1e-9 * stamp.nanosec]
+        self.paths[link].append(row)
+
+    def _on_pusher(self, _: Any) -> None:
+        self._pusher = True
+
+    def _on_outline(self, link: str, message: Any) -> None:
+        self.outlines[link] = [[p.x, p.y] for p in message.polygon.points]
+
+    def _on_properties(self, message: Any) -> None:
+        stamp = message.header.stamp
+        link = Statuses(message.status).values("link_1")
+        if "com_x" in link:
+            row = {key: to_number(text) for key, text in link.items() if key != "undetermined"}
+            self.history.append({"time": stamp.sec + 1e-9 * stamp.nanosec, **row})
+
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tactile_dynamics_ros.cli.bringup import require_hidden_effect, write_parameters
-from tactile_dynamics_ros.cli.demo_log import Log
+from tactile_dynamics_ros.cli.demo_monitor import Log
 from tactile_dynamics_ros.cli.domain import private_domain
 from tactile_dynamics_ros.cli.explore import describe, why_unknown
 from tactile_dynamics_ros.cli.push_goal import ask

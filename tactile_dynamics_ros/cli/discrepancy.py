@@ -12,14 +12,12 @@ from typing import Any
 
 from tactile_dynamics_ros.api.discrepancies import Comparison, Diagnosis, Discrepancy, Explanation
 from tactile_dynamics_ros.api.questions import Question, question_held, question_pushed
-from tactile_dynamics_ros.cli.friction_recording import (
-    add_model_argument,
-    ask_about_friction,
-    is_probe_recording,
-)
 from tactile_dynamics_ros.cli.progress import shown_progress
 from tactile_dynamics_ros.cli.recordings import (
+    add_model_argument,
     add_recording_arguments,
+    ask_about_friction,
+    is_probe_recording,
     model_of,
     pushed_effects,
     read_effects,

@@ -29,7 +29,7 @@ from tactile_dynamics_ros.share import object_file
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.inertia.excitation.plan import ExcitationPlan
-    from tactile_dynamics_ros.core.manipulation.grasp_site import GraspSite
+    from tactile_dynamics_ros.core.manipulation.grasp_planner import GraspSite
 
 _PRESUMED_MASS = 0.3
 """Mass of an object before it was held, kg: between those of config/objects (0.1 to 0.8 kg)."""
@@ -142,7 +142,7 @@ def _plan(args: Namespace) -> ExcitationPlan:
 
 
 def _grasp_site(name: str) -> GraspSite:
-    from tactile_dynamics_ros.core.manipulation.grasp_site import GraspSite
+    from tactile_dynamics_ros.core.manipulation.grasp_planner import GraspSite
 
     return GraspSite.from_file(object_file(name))
 

@@ -11,8 +11,8 @@ from contextlib import nullcontext
 from types import ModuleType
 from typing import Any
 
-from tactile_dynamics_ros.cli.encoding import write_plain_where_needed
 from tactile_dynamics_ros.cli.examples import epilog
+from tactile_dynamics_ros.cli.progress import write_plain_where_needed
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError, nearest
 from tactile_dynamics_ros.core.files import reason_of
 from tactile_dynamics_ros.stopping import Stopped, StopRequest

@@ -1,13 +1,35 @@
-"""A line on the terminal that says what long work is doing."""
+"""Text on the terminal: signs that it can show, a line on what long work does."""
 
 from __future__ import annotations
 
+import codecs
+import io
 import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 from tactile_dynamics_ros.core.progress import told_to
+
+_PLAIN = {"±": "+-", "²": "^2", "³": "^3", "µ": "u", "°": " deg", "→": "->"}
+"""Signs that texts have beside ASCII, as ASCII writes them; any other becomes a question mark."""
+
+
+def write_plain_where_needed() -> None:
+    """Let stdout and stderr replace what they cannot encode instead of raising."""
+    codecs.register_error("plain", _replace)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="plain")
+
+
+def _replace(error: UnicodeError) -> tuple[str, int]:
+    """Return the signs that could not be encoded in ASCII, and where to go on."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    signs = error.object[error.start : error.end]
+    return "".join(_PLAIN.get(sign, "?") for sign in signs), error.end
+
 
 _LETTERS = 72
 """Letters of a step that are shown: with the time in front the line fits a terminal of 80, where a

@@ -66,7 +66,7 @@ def run(args: Namespace) -> int:
     stay_on_this_host()
     import rclpy
 
-    from tactile_dynamics_ros.ros.arguments import start_tool
+    from tactile_dynamics_ros.ros.executable import start_tool
     from tactile_dynamics_ros.ros.recorder import Recorder
     from tactile_dynamics_ros.ros.shell import finish_bursts, spin
 

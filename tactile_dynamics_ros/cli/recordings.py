@@ -1,12 +1,14 @@
-"""What verbs that read a recording have in common."""
+"""What verbs that read a recording have in common, of probes of friction too."""
 
 from __future__ import annotations
 
 import sys
 from argparse import Action, ArgumentParser, Namespace
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tactile_dynamics_ros.api.questions import Question, question_friction
 from tactile_dynamics_ros.api.reading import effects_of, names_of, read_pushed_recording
 from tactile_dynamics_ros.api.reading import read_recording as recording_of
 from tactile_dynamics_ros.core.errors import BadInputError
@@ -17,6 +19,44 @@ if TYPE_CHECKING:
     from tactile_dynamics_ros.core.effects.effect import Effect
     from tactile_dynamics_ros.recording import Recording
     from tactile_dynamics_ros.recording.pushed import PushedRecording
+
+
+def add_model_argument(parser: ArgumentParser) -> None:
+    """Add the choice between the models that a recording can be held against."""
+    parser.add_argument(
+        "--model",
+        choices=("auto", "held", "pushed", "friction"),
+        default="auto",
+        help="rigid body in the hand, object on a support, or Coulomb friction of a probe; auto: "
+        "by the topics",
+    )
+
+
+def is_probe_recording(args: Namespace) -> bool:
+    """Whether the friction of a probe is to be questioned rather than a held body."""
+    from tactile_dynamics_ros.recording.probe_slips import holds_slips
+
+    if args.model != "auto":
+        return bool(args.model == "friction")
+    found = any(holds_slips(Path(bag), args.namespace) for bag in args.bag)
+    if found:
+        print("note: a friction probe's recording; Coulomb friction is compared", file=sys.stderr)
+    return found
+
+
+def ask_about_friction(args: Namespace) -> Question:
+    """Fit Coulomb friction, with the named effects, to the slips of a recording.
+
+    Raises:
+        BadInputError: several recordings are given, or this one cannot be read.
+    """
+    if len(args.bag) > 1:
+        raise BadInputError(
+            f"{len(args.bag)} recordings, some of a friction probe; ask about one at a time"
+        )
+    [bag] = args.bag
+    names = [name.strip() for name in args.effects.split(",") if name.strip()]
+    return question_friction(Path(bag), names, args.namespace)
 
 
 _QUESTIONS = ("diagnose", "explain")

@@ -133,7 +133,7 @@ def run(args: Namespace) -> int:
 
 def _make_held(args: Namespace) -> tuple[dict[str, Any], Callable[[Path], object]]:
     """Make a recording of a held object; return its truth, and what writes it."""
-    from tactile_dynamics_ros.synthetic.bag import write_bag
+    from tactile_dynamics_ros.synthetic.recordings import write_bag
 
     recording = _generate(args)
     return recording.truth(), partial(write_bag, recording.streams)

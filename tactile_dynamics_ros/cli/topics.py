@@ -63,7 +63,7 @@ def short_lived_node(namespace: str = "") -> Iterator[Node]:
     import rclpy
     from rclpy.node import Node as RosNode
 
-    from tactile_dynamics_ros.ros.arguments import start_tool
+    from tactile_dynamics_ros.ros.executable import start_tool
 
     start_tool()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))

@@ -25,7 +25,7 @@ from tactile_dynamics_ros.core.planar.network.noise_features import (
 )
 from tactile_dynamics_ros.synthetic import pushed
 from tactile_dynamics_ros.synthetic.pushed.scene import STEP
-from tactile_dynamics_ros.synthetic.pushed.touches import FeltErrors, felt_errors
+from tactile_dynamics_ros.synthetic.pushed.sensed import FeltErrors, felt_errors
 from tactile_dynamics_ros.synthetic.pushed.transitions import states_at
 
 if TYPE_CHECKING:

@@ -31,11 +31,10 @@ from tactile_dynamics_ros.ros.conversions import (
     wrench_to_message,
 )
 from tactile_dynamics_ros.ros.inputs import Need
-from tactile_dynamics_ros.ros.joint_history import JointHistory
 from tactile_dynamics_ros.ros.names import JOINT_STATES, contact_topic, fingertip_topic
 from tactile_dynamics_ros.ros.parameters import declare_config
 from tactile_dynamics_ros.ros.pushed_contacts import PushedContacts
-from tactile_dynamics_ros.ros.robot import declare_robot
+from tactile_dynamics_ros.ros.robot import JointHistory, declare_robot
 from tactile_dynamics_ros.ros.shell import Shell, run_node
 from tactile_dynamics_ros.ros.wire import Joints, Stamp, Stamped
 

@@ -36,6 +36,7 @@ from tactile_dynamics_ros.ros.background import Background
 from tactile_dynamics_ros.ros.conversions import pose_to_message
 from tactile_dynamics_ros.ros.diagnostics import status_message
 from tactile_dynamics_ros.ros.emergency import EmergencyStop
+from tactile_dynamics_ros.ros.listening import REQUESTS
 from tactile_dynamics_ros.ros.names import (
     EXPLORE,
     EXPLORE_CHANGE,
@@ -44,9 +45,8 @@ from tactile_dynamics_ros.ros.names import (
     PROPERTY_STATUS,
     PUSHER_TARGET,
 )
-from tactile_dynamics_ros.ros.pair_fits import PairFits
 from tactile_dynamics_ros.ros.parameters import declare_config
-from tactile_dynamics_ros.ros.serving import REQUESTS
+from tactile_dynamics_ros.ros.refitter import PairFits
 from tactile_dynamics_ros.ros.shell import Shell, run_node
 from tactile_dynamics_ros.ros.table_scene import (
     AT_REST,

@@ -15,16 +15,19 @@ from std_msgs.msg import Bool, String
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
-from tactile_dynamics_ros.core.friction.electrode_motion import ElectrodeMotion
 from tactile_dynamics_ros.core.friction.probe import FrictionProbe
-from tactile_dynamics_ros.core.friction.probe_config import FrictionProbeConfig
-from tactile_dynamics_ros.core.friction.probe_input import ProbeContact, ProbeInput
+from tactile_dynamics_ros.core.friction.probe_config import (
+    FrictionProbeConfig,
+    ProbeContact,
+    ProbeInput,
+)
+from tactile_dynamics_ros.core.friction.slip_detection import ElectrodeMotion
 from tactile_dynamics_ros.core.reading import read_yaml
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
-from tactile_dynamics_ros.core.robot.standstill import Standstill
+from tactile_dynamics_ros.core.robot.joint_uncertainty import Standstill
 from tactile_dynamics_ros.core.shape.friction_regions import ObjectSurface
 from tactile_dynamics_ros.core.streams.streams import ContactSample
-from tactile_dynamics_ros.core.tracking.pose_average import average_poses
+from tactile_dynamics_ros.core.tracking.pose_fusion import average_poses
 from tactile_dynamics_ros.ros.contact_assembly import ContactAssembly
 from tactile_dynamics_ros.ros.conversions import (
     JointReader,

@@ -24,10 +24,10 @@ from tactile_dynamics_ros.core.manipulation.grasp_controller import (
     GraspController,
     Phase,
 )
-from tactile_dynamics_ros.core.manipulation.grasp_site import GraspSite
+from tactile_dynamics_ros.core.manipulation.grasp_planner import GraspSite
 from tactile_dynamics_ros.core.manipulation.squeeze import held_by
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
-from tactile_dynamics_ros.core.tracking.pose_average import average_poses
+from tactile_dynamics_ros.core.tracking.pose_fusion import average_poses
 from tactile_dynamics_ros.ros.conversions import (
     JointReader,
     StampGate,

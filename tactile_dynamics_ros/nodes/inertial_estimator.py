@@ -26,7 +26,6 @@ from tactile_dynamics_ros.ros.diagnostics import status_message
 from tactile_dynamics_ros.ros.estimate_markers import EstimateMarkers
 from tactile_dynamics_ros.ros.friction_messages import friction_range
 from tactile_dynamics_ros.ros.held_streams import HeldStreams
-from tactile_dynamics_ros.ros.inertia_status import status_of, waiting_status
 from tactile_dynamics_ros.ros.names import (
     CONTACTS,
     DIAGNOSE,
@@ -40,6 +39,7 @@ from tactile_dynamics_ros.ros.object_state import REPEAT, SILENT, ObjectState
 from tactile_dynamics_ros.ros.parameters import declare_config
 from tactile_dynamics_ros.ros.refitter import Refitter
 from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
+from tactile_dynamics_ros.ros.statuses import status_of, waiting_status
 
 Array = NDArray[np.float64]
 

@@ -19,8 +19,11 @@ from tactile_dynamics_ros.core.tracking.kinematic_tracker import (
     KinematicTracker,
     KinematicTrackerConfig,
 )
-from tactile_dynamics_ros.core.tracking.pose_average import average_poses
-from tactile_dynamics_ros.core.tracking.pose_fusion import PoseFusion, PoseFusionConfig
+from tactile_dynamics_ros.core.tracking.pose_fusion import (
+    PoseFusion,
+    PoseFusionConfig,
+    average_poses,
+)
 from tactile_dynamics_ros.ros.conversions import (
     JointReader,
     StampGate,
@@ -30,8 +33,8 @@ from tactile_dynamics_ros.ros.conversions import (
     uncertain_pose_to_message,
     wrench_to_core,
 )
+from tactile_dynamics_ros.ros.estimate_markers import ObjectFrame
 from tactile_dynamics_ros.ros.inputs import Need
-from tactile_dynamics_ros.ros.joint_history import JointHistory
 from tactile_dynamics_ros.ros.names import (
     HAND_POSE,
     JOINT_STATES,
@@ -41,9 +44,8 @@ from tactile_dynamics_ros.ros.names import (
     VISION_SCORE,
     contact_topic,
 )
-from tactile_dynamics_ros.ros.object_frame import ObjectFrame
 from tactile_dynamics_ros.ros.parameters import declare_config
-from tactile_dynamics_ros.ros.robot import declare_robot
+from tactile_dynamics_ros.ros.robot import JointHistory, declare_robot
 from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
 from tactile_dynamics_ros.ros.wire import Joints, Stamped
 

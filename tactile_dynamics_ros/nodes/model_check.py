@@ -31,8 +31,8 @@ from tactile_dynamics_ros.ros.checked_model import (
     diagnose_measured,
 )
 from tactile_dynamics_ros.ros.conversions import header, wrench_to_message
-from tactile_dynamics_ros.ros.diagnostics import status_message
-from tactile_dynamics_ros.ros.kept_recordings import keep_and_diagnose
+from tactile_dynamics_ros.ros.diagnostics import Statuses, status_message
+from tactile_dynamics_ros.ros.listening import REQUESTS
 from tactile_dynamics_ros.ros.names import (
     DIAGNOSE,
     MODEL_DIAGNOSIS,
@@ -40,10 +40,8 @@ from tactile_dynamics_ros.ros.names import (
     MODEL_RESIDUAL,
 )
 from tactile_dynamics_ros.ros.parameters import declare_config
-from tactile_dynamics_ros.ros.serving import REQUESTS
 from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
-from tactile_dynamics_ros.ros.status_reader import Statuses
-from tactile_dynamics_ros.ros.watch import Event, Watch, WatchConfig
+from tactile_dynamics_ros.ros.watch import Event, Watch, WatchConfig, keep_and_diagnose
 
 REST = 3.0
 """Pause after a comparison, in multiples of the time that it took."""

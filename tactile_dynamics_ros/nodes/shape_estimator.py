@@ -21,11 +21,10 @@ from tactile_dynamics_ros.ros.background import Background
 from tactile_dynamics_ros.ros.camera_motion import CameraMotion
 from tactile_dynamics_ros.ros.conversions import depth_to_core, pose_to_message
 from tactile_dynamics_ros.ros.emergency import EmergencyStop
+from tactile_dynamics_ros.ros.listening import REQUESTS
 from tactile_dynamics_ros.ros.names import CAMERA_TARGET, DEPTH_IMAGE, SHAPE_START
 from tactile_dynamics_ros.ros.parameters import declare_config
-from tactile_dynamics_ros.ros.serving import REQUESTS
-from tactile_dynamics_ros.ros.shape_messages import WORLD
-from tactile_dynamics_ros.ros.shape_publisher import ShapePublisher
+from tactile_dynamics_ros.ros.shape_messages import WORLD, ShapePublisher
 from tactile_dynamics_ros.ros.shell import Shell, run_node
 from tactile_dynamics_ros.ros.support import Support
 from tactile_dynamics_ros.ros.wire import Picture, Stamp

@@ -35,7 +35,6 @@ from tactile_dynamics_ros.ros.conversions import (
     uncertain_pose_to_message,
 )
 from tactile_dynamics_ros.ros.inputs import Need
-from tactile_dynamics_ros.ros.joint_history import JointHistory
 from tactile_dynamics_ros.ros.names import (
     CAMERA_INFO,
     CAMERA_POSE,
@@ -49,7 +48,7 @@ from tactile_dynamics_ros.ros.names import (
     link_topic,
 )
 from tactile_dynamics_ros.ros.parameters import declare_config
-from tactile_dynamics_ros.ros.robot import declare_robot
+from tactile_dynamics_ros.ros.robot import JointHistory, declare_robot
 from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
 from tactile_dynamics_ros.ros.table_following import PoseHistory, load_volume, tracker_of
 from tactile_dynamics_ros.ros.wire import Joints, Picture, Stamped

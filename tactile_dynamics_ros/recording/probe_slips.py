@@ -13,7 +13,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.friction.estimate import SlipEvent
-from tactile_dynamics_ros.core.friction.slip_table import event_from_values
+from tactile_dynamics_ros.core.friction.slip_log import event_from_values
 from tactile_dynamics_ros.recording.bag_files import DAMAGE, named_connections
 from tactile_dynamics_ros.recording.bag_limits import check_readable
 from tactile_dynamics_ros.recording.bag_writer import write_tables

@@ -13,11 +13,12 @@ from tactile_dynamics_ros.core.discrepancy.verdict.wording import capitalise
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.report.estimates import (
+    EstimateHistory,
     draw_comparison_with_truth,
     draw_convergence,
     draw_residuals,
+    settle,
 )
-from tactile_dynamics_ros.report.history import EstimateHistory, settle
 from tactile_dynamics_ros.report.measurements import draw_forces, draw_motion, draw_scene
 from tactile_dynamics_ros.report.numbers import parameter_rows, with_uncertainty
 from tactile_dynamics_ros.report.page import Page, Picture, Section, write_page

@@ -17,9 +17,9 @@ from tactile_dynamics_ros.ros.conversions import (
     pose_to_core,
     wrench_to_core,
 )
-from tactile_dynamics_ros.ros.hand_error import HandError
 from tactile_dynamics_ros.ros.inputs import Need
 from tactile_dynamics_ros.ros.names import contact_topic
+from tactile_dynamics_ros.ros.robot import HandError
 from tactile_dynamics_ros.ros.shell import Shell
 from tactile_dynamics_ros.ros.stated_noise import read_force_std
 from tactile_dynamics_ros.ros.stream_clock import StreamClock

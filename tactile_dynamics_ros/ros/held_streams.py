@@ -15,10 +15,10 @@ from tactile_dynamics_ros.core.streams.stamps import Reordered
 from tactile_dynamics_ros.core.streams.streams import ContactSample
 from tactile_dynamics_ros.ros.contact_assembly import ContactAssembly
 from tactile_dynamics_ros.ros.conversions import MessageError
-from tactile_dynamics_ros.ros.hand_error import HandError
 from tactile_dynamics_ros.ros.inputs import Need
 from tactile_dynamics_ros.ros.names import OBJECT_POSE
 from tactile_dynamics_ros.ros.object_state import Holding, ObjectState
+from tactile_dynamics_ros.ros.robot import HandError
 from tactile_dynamics_ros.ros.shell import Shell
 from tactile_dynamics_ros.ros.stated_noise import read_tracked_pose
 from tactile_dynamics_ros.ros.stream_clock import StreamClock

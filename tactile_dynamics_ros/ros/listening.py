@@ -1,15 +1,141 @@
-"""Topics that a node listens to, and the messages that wait on them."""
+"""Topics that a node listens to: messages that wait, services, a second participant.
+
+Now and then Fast DDS does not tell a publisher that runs of the readers of a node that was killed
+and started again; the reader lists the publisher, and never hears it, however often it subscribes
+anew. Another participant of the same process does.
+"""
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from threading import Thread
 from typing import Any, NamedTuple
 
+import rclpy
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.service import Service
+from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 
 from tactile_dynamics_ros.ros.inputs import Input, Numbers
-from tactile_dynamics_ros.ros.second_participant import SecondParticipant
+
+NANOSECONDS = 1_000_000_000
+
+
+class Waiter:
+    """Sleeps until a node has something to do.
+
+    The wait set is kept between waits, since building one is what makes an executor expensive
+    where hundreds of small messages come per second.
+
+    Args:
+        node: whose services and clients are waited for.
+        subscriptions: returns those that are waited for now.
+    """
+
+    def __init__(self, node: Node, subscriptions: Callable[[], list[Subscription]]) -> None:
+        self._node, self._subscriptions = node, subscriptions
+        self._size = (0, 0, 0)
+
+    def wait(self, timeout: float) -> bool:
+        """Wait for at most `timeout` s; return whether a request or a response has come."""
+        subscriptions = self._subscriptions()
+        clients, services = list(self._node.clients), list(self._node.services)
+        size = (len(subscriptions), len(clients), len(services))
+        if size != self._size:
+            context = self._node.context.handle
+            self._set = rclpy_implementation.WaitSet(size[0], 0, 0, size[1], size[2], 0, context)
+            self._size = size
+        self._set.clear_entities()
+        for subscription in subscriptions:
+            self._set.add_subscription(subscription.handle)
+        for client in clients:
+            self._set.add_client(client.handle)
+        for service in services:
+            self._set.add_service(service.handle)
+        self._set.wait(max(0, int(timeout * NANOSECONDS)))
+        ready = self._set.get_ready_entities
+        return bool(ready("service") or ready("client"))
+
+
+class SecondParticipant:
+    """A hidden node with a context, and so a participant, of its own.
+
+    Raises:
+        RuntimeError: the middleware refuses it, such as one that asks for an enclave.
+    """
+
+    def __init__(self, node: Node) -> None:
+        """Begin beside `node`."""
+        self._context = rclpy.Context()
+        handlers = SignalHandlerOptions.NO
+        rclpy.init(args=[], context=self._context, signal_handler_options=handlers)
+        self._node = rclpy.create_node(
+            f"_{node.get_name()}_again",
+            context=self._context,
+            namespace=node.get_namespace(),
+            use_global_arguments=False,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
+
+    def subscribe(
+        self,
+        kind: type[Any],
+        topic: str,
+        callback: Callable[[Any], None],
+        profile: QoSProfile,
+        raw: bool,
+    ) -> Subscription:
+        """Subscribe to a topic by its whole name."""
+        return self._node.create_subscription(kind, topic, callback, profile, raw=raw)
+
+    def close(self) -> Thread:
+        """Leave DDS, in the background: it may take long, and now and then does not end."""
+        leaving = Thread(target=self._leave, daemon=True)
+        leaving.start()
+        return leaving
+
+    def _leave(self) -> None:
+        self._node.destroy_node()
+        self._context.try_shutdown()
+
+
+REQUESTS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+"""Services: requests that may wait; a script sends hundreds at once, of which `ANSWER_BURST` are
+answered every `ANSWER_SPAN`."""
+
+ANSWER_BURST, ANSWER_SPAN = 8, 0.05
+"""Answers of one service within so many seconds: a client of rclpy keeps ten that it has not read,
+and loses older ones without a word. 160 answers/s, and it may be held up for 50 ms."""
+
+
+@dataclass
+class Served:
+    """A service whose requests the node takes itself, and when it gave its last answers, s."""
+
+    service: Service
+    given: deque[float] = field(default_factory=lambda: deque(maxlen=ANSWER_BURST))
+
+    def answer(self, now: float) -> None:
+        """Answer requests that wait, at most `ANSWER_BURST` within `ANSWER_SPAN`.
+
+        Args:
+            now: monotonic, s.
+        """
+        kind, handle = self.service.srv_type, self.service.handle
+        while len(self.given) < ANSWER_BURST or now - self.given[0] > ANSWER_SPAN:
+            with handle:
+                request, header = handle.service_take_request(kind.Request)
+            if header is None:
+                return
+            self.service.send_response(self.service.callback(request, kind.Response()), header)
+            self.given.append(now)
+
 
 BURST = 1000
 """Messages of one subscription taken at a time: more than may wait, so that none is left over."""

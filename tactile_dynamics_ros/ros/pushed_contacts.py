@@ -32,7 +32,6 @@ from tactile_dynamics_ros.ros.conversions import (
     wrench_to_core,
 )
 from tactile_dynamics_ros.ros.inputs import Need
-from tactile_dynamics_ros.ros.joint_history import JointHistory
 from tactile_dynamics_ros.ros.names import (
     GRIPPER_WIDTH,
     PUSHER_POSE,
@@ -46,6 +45,7 @@ from tactile_dynamics_ros.ros.pusher_streams import (
     ContactStreams,
     SensedConfig,
 )
+from tactile_dynamics_ros.ros.robot import JointHistory
 from tactile_dynamics_ros.ros.shell import LATCHED, Shell
 from tactile_dynamics_ros.ros.wire import Stamp, Stamped
 

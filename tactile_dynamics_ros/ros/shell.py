@@ -22,16 +22,20 @@ from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
 
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
-from tactile_dynamics_ros.ros.arguments import start_ros
 from tactile_dynamics_ros.ros.background import abandon_all
 from tactile_dynamics_ros.ros.diagnostics import Faults
+from tactile_dynamics_ros.ros.executable import introduce, start_ros
 from tactile_dynamics_ros.ros.inputs import RIVAL_SPAN, Inputs, Need, Numbers
-from tactile_dynamics_ros.ros.introduction import introduce
-from tactile_dynamics_ros.ros.listening import Listening, Taken, take_messages
+from tactile_dynamics_ros.ros.listening import (
+    REQUESTS,
+    Listening,
+    SecondParticipant,
+    Served,
+    Taken,
+    Waiter,
+    take_messages,
+)
 from tactile_dynamics_ros.ros.parameters import AnsweringNode, refuse_unknown
-from tactile_dynamics_ros.ros.second_participant import SecondParticipant
-from tactile_dynamics_ros.ros.serving import REQUESTS, Served
-from tactile_dynamics_ros.ros.waiting import Waiter
 from tactile_dynamics_ros.ros.wire import decoder_of
 from tactile_dynamics_ros.stopping import TIME_TO_END, Stopped, StopRequest
 

@@ -30,6 +30,7 @@ from tactile_dynamics_ros.core.planar.mechanics.linkage import in_frame, placed
 from tactile_dynamics_ros.core.planar.mechanics.simulation import GRAVITY
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 from tactile_dynamics_ros.ros.conversions import MessageError, pose_to_core, to_seconds
+from tactile_dynamics_ros.ros.diagnostics import Statuses, to_number
 from tactile_dynamics_ros.ros.names import (
     GRIPPER_WIDTH,
     OBJECT_POSE,
@@ -40,7 +41,6 @@ from tactile_dynamics_ros.ros.names import (
     link_topic,
 )
 from tactile_dynamics_ros.ros.shell import LATCHED, Shell
-from tactile_dynamics_ros.ros.status_reader import Statuses, to_number
 from tactile_dynamics_ros.ros.wire import Stamp, Stamped
 
 Array = NDArray[np.float64]

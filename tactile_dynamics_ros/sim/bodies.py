@@ -1,23 +1,79 @@
-"""Objects, table and robot as Bullet bodies."""
+"""Objects, table and robot as Bullet bodies, in an engine that is freed in the end."""
 
 from __future__ import annotations
 
 import tempfile
+import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
 from pathlib import Path
+from types import TracebackType
+from typing import Self
 
 import numpy as np
 import pybullet
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import (
     cross,
     matrix_to_quaternion,
     quaternion_to_matrix,
 )
 from tactile_dynamics_ros.core.robot.robot import Robot
+from tactile_dynamics_ros.share import find_package_file
 from tactile_dynamics_ros.sim.objects import ObjectModel, Shape
-from tactile_dynamics_ros.sim.urdf import bullet_urdf
+
+
+class Engine:
+    """A Bullet engine without graphics; a context manager, or call `close`.
+
+    Attributes:
+        client: Bullet client, negative once it is closed.
+    """
+
+    def __init__(self) -> None:
+        self.client: int = pybullet.connect(pybullet.DIRECT)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Free the engine; the world cannot be used afterwards."""
+        if self.client >= 0:
+            pybullet.disconnect(self.client)
+            self.client = -1
+
+
+def bullet_urdf(robot: Robot, meshes: bool = False) -> str:
+    """Return the text of a robot's URDF with the paths of its meshes.
+
+    Args:
+        robot: arm and hand.
+        meshes: draw links that are drawn as meshes (cameras see them); what collides always does.
+
+    Raises:
+        BadInputError: there is no file of a mesh.
+    """
+    root = ElementTree.fromstring(robot.urdf)
+    for link in root.iter("link"):
+        for visual in [each for each in link.findall("visual") if each.find(".//mesh") is not None]:
+            if not meshes:
+                link.remove(visual)
+    for mesh in root.iter("mesh"):
+        path = find_package_file(mesh.attrib["filename"], Path(robot.folder))
+        if path is None:
+            raise BadInputError(f"{robot.name}: no file of mesh {mesh.attrib['filename']}")
+        mesh.attrib["filename"] = str(path)
+    return ElementTree.tostring(root, encoding="unicode")
+
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.manipulation.grasp_site import GraspSite
+from tactile_dynamics_ros.core.manipulation.grasp_planner import GraspSite
 from tactile_dynamics_ros.core.reading import read_yaml
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.rigid_body.poses import described_pose, rpy_to_matrix

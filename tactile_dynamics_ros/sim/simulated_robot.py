@@ -21,11 +21,15 @@ from tactile_dynamics_ros.sim.sensors.depth_camera import (
     DepthCameraConfig,
     look_at,
 )
-from tactile_dynamics_ros.sim.sensors.encoders import EncoderConfig, JointEncoders
-from tactile_dynamics_ros.sim.sensors.fingertips import Fingertips
-from tactile_dynamics_ros.sim.sensors.marker_tracker import MarkerTracker, MarkerTrackerConfig
-from tactile_dynamics_ros.sim.sensors.pads import ForceTorquePads, PadConfig
-from tactile_dynamics_ros.sim.sensors.wrist_sensor import WristSensor, WristSensorConfig
+from tactile_dynamics_ros.sim.sensors.fingertips import Fingertips, ForceTorquePads, PadConfig
+from tactile_dynamics_ros.sim.sensors.robot_sensors import (
+    EncoderConfig,
+    JointEncoders,
+    MarkerTracker,
+    MarkerTrackerConfig,
+    WristSensor,
+    WristSensorConfig,
+)
 from tactile_dynamics_ros.sim.world import HandWorld, WorldConfig
 
 Array = NDArray[np.float64]

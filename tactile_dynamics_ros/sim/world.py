@@ -15,6 +15,7 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialPar
 from tactile_dynamics_ros.core.robot.robot import Robot
 from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.sim.bodies import (
+    Engine,
     link_indices,
     spawn_robot,
     spawn_table,
@@ -22,7 +23,6 @@ from tactile_dynamics_ros.sim.bodies import (
 )
 from tactile_dynamics_ros.sim.contacts import ContactAccumulator, ContactReading
 from tactile_dynamics_ros.sim.drives import JointDrives
-from tactile_dynamics_ros.sim.engine import Engine
 from tactile_dynamics_ros.sim.objects import ObjectModel, load_object
 from tactile_dynamics_ros.sim.warping import spawn_warping_object
 

@@ -1,14 +1,16 @@
-"""Recordings with known truth: streams as an estimator gets them, and what is hidden in them."""
+"""Recordings with known truth: streams, what is hidden in them, and rosbag2 files."""
 
 from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tactile_dynamics_ros.core.streams.streams import Streams
+from tactile_dynamics_ros.recording import bag_writer
 from tactile_dynamics_ros.synthetic.calibration import magnitude_for_whitened_rms
 from tactile_dynamics_ros.synthetic.effects import HiddenEffect, create_hidden_effect
 from tactile_dynamics_ros.synthetic.scenario import Scenario, ScenarioOptions
@@ -85,3 +87,21 @@ def _describe(effect: HiddenEffect) -> dict[str, Any]:
         },
         "signature": effect.signature,
     }
+
+
+EPOCH_NS = 1_700_000_000_000_000_000
+"""Stamp of time zero in ns (November 2023): no stamp may be negative, and streams whose clocks
+differ begin before their time zero."""
+
+
+def write_bag(streams: Streams, path: Path) -> Path:
+    """Write all streams to a new directory, or to a single file if the name ends in .mcap.
+
+    Args:
+        streams: what to write.
+        path: where; must not exist.
+
+    Raises:
+        BadInputError: the path exists already or cannot be written.
+    """
+    return bag_writer.write_bag(streams, path, EPOCH_NS)

@@ -25,7 +25,7 @@ from visualization_msgs.msg import MarkerArray
 
 from tactile_dynamics_ros.core.rigid_body.rotation import quaternion_to_matrix
 from tactile_dynamics_ros.ros.conversions import to_seconds
-from tactile_dynamics_ros.ros.inertia_status import read_inertia_status
+from tactile_dynamics_ros.ros.diagnostics import Statuses
 from tactile_dynamics_ros.ros.listening import take_messages
 from tactile_dynamics_ros.ros.names import (
     CAMERA_TARGET,
@@ -44,9 +44,12 @@ from tactile_dynamics_ros.ros.names import (
     link_topic,
 )
 from tactile_dynamics_ros.ros.shell import LATCHED, Polled
-from tactile_dynamics_ros.ros.status_reader import Statuses
-from tactile_dynamics_ros.view.state import Body, Force, Quantity, State
-from tactile_dynamics_ros.view.told import (
+from tactile_dynamics_ros.ros.statuses import read_inertia_status
+from tactile_dynamics_ros.view.state import (
+    Body,
+    Force,
+    Quantity,
+    State,
     take_diagnosis,
     take_markers,
     take_progress,

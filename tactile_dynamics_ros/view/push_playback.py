@@ -32,8 +32,11 @@ from tactile_dynamics_ros.ros.names import (
     PROPERTY_STATUS,
     PUSH_PROGRESS,
 )
-from tactile_dynamics_ros.view.state import KEPT, Force, History, State
-from tactile_dynamics_ros.view.told import (
+from tactile_dynamics_ros.view.state import (
+    KEPT,
+    Force,
+    History,
+    State,
     take_diagnosis,
     take_markers,
     take_progress,

@@ -19,19 +19,18 @@ from tactile_dynamics_ros.core.planar.filter.live import LiveProperties
 from tactile_dynamics_ros.core.planar.filter.tracker import Felt
 from tactile_dynamics_ros.nodes.model_check import ModelCheckNode
 from tactile_dynamics_ros.ros.diagnostics import status_message
-from tactile_dynamics_ros.ros.inertia_status import (
+from tactile_dynamics_ros.ros.names import PROPERTY_STATUS
+from tactile_dynamics_ros.ros.object_state import ObjectState
+from tactile_dynamics_ros.ros.statuses import (
+    property_status,
     read_inertia_status,
     status_of,
     waiting_status,
 )
-from tactile_dynamics_ros.ros.names import PROPERTY_STATUS
-from tactile_dynamics_ros.ros.object_state import ObjectState
-from tactile_dynamics_ros.ros.property_status import property_status
 from tactile_dynamics_ros.ros.table_scene import TableScene, TableSceneConfig
 from tactile_dynamics_ros.share import share_file
 from tactile_dynamics_ros.view.live import LiveSource
-from tactile_dynamics_ros.view.state import State
-from tactile_dynamics_ros.view.told import take_property_status
+from tactile_dynamics_ros.view.state import State, take_property_status
 
 BLOCK = np.array([[-0.05, -0.03], [0.05, -0.03], [0.05, 0.03], [-0.05, 0.03]])
 EFFECTS = ("viscous_drag",)

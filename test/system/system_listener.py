@@ -7,7 +7,7 @@ import rclpy
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
 
-from tactile_dynamics_ros.cli.grasp_start import GraspStart
+from tactile_dynamics_ros.cli.demo_monitor import GraspStart
 from tactile_dynamics_ros.ros.shell import LATCHED, STREAM
 from tactile_dynamics_ros.ros.wire import decoder_of
 

@@ -6,7 +6,7 @@ import json
 import pytest
 from synthetic_recording import held_box
 
-from tactile_dynamics_ros.cli import batch_jobs
+from tactile_dynamics_ros.cli import batch_table as batch_jobs
 from tactile_dynamics_ros.cli.batch_table import columns, row
 from tactile_dynamics_ros.cli.main import main
 

@@ -16,7 +16,7 @@ from tactile_dynamics_ros.core.tactile.electrodes import (
 )
 from tactile_dynamics_ros.core.tactile.signal_change import temperature
 from tactile_dynamics_ros.sim.sensors.biotac import BioTacArray, BioTacConfig
-from tactile_dynamics_ros.sim.sensors.biotac.signals import thermistor_counts
+from tactile_dynamics_ros.sim.sensors.biotac.sensor import thermistor_counts
 
 SILENT = BioTacConfig(
     noise=0.0,

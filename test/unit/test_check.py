@@ -19,7 +19,7 @@ from tactile_dynamics_ros.core.streams.joining import join_streams
 from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.recording.rates import StreamRate
 from tactile_dynamics_ros.synthetic import ScenarioOptions, SensorOptions, generate
-from tactile_dynamics_ros.synthetic.bag import write_bag
+from tactile_dynamics_ros.synthetic.recordings import write_bag
 
 CALM = ScenarioOptions(duration=4.0, band_hz=(0.2, 1.0), angle_peak_deg=(5.0, 15.0))
 

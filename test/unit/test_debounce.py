@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tactile_dynamics_ros.core.tactile.debounce import Debounced
+from tactile_dynamics_ros.core.tactile.slip import Debounced
 
 
 def test_a_switch_flips_at_the_last_of_its_frames_in_a_row():

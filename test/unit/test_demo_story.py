@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from tactile_dynamics_ros.cli import demo, demo_result, demo_story  # noqa: E402
-from tactile_dynamics_ros.cli.demo_findings import Findings, doubts  # noqa: E402
+from tactile_dynamics_ros.cli.demo_result import Findings, doubts  # noqa: E402
 from tactile_dynamics_ros.cli.demo_story import Story, proposal  # noqa: E402
 from tactile_dynamics_ros.core.errors import (  # noqa: E402
     BadInputError,

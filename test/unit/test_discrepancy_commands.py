@@ -7,8 +7,7 @@ import json
 import pytest
 
 from tactile_dynamics_ros.cli.main import main
-from tactile_dynamics_ros.synthetic.bag import write_bag
-from tactile_dynamics_ros.synthetic.recordings import generate_at_whitened_rms
+from tactile_dynamics_ros.synthetic.recordings import generate_at_whitened_rms, write_bag
 from tactile_dynamics_ros.synthetic.scenario import ScenarioOptions
 
 SCENARIO = ScenarioOptions(duration=12.0)

@@ -105,7 +105,7 @@ def test_04_finds_honest_uncertainty_on_a_clean_recording(bag, capsys):
 
 def test_05_adds_the_effect_that_was_hidden(tmp_path, capsys):
     from tactile_dynamics_ros.synthetic import ScenarioOptions, generate_at_whitened_rms
-    from tactile_dynamics_ros.synthetic.bag import write_bag
+    from tactile_dynamics_ros.synthetic.recordings import write_bag
 
     made = generate_at_whitened_rms(5, {"viscous_drag": 3.0}, ScenarioOptions(duration=8.0))
     path = write_bag(made.streams, tmp_path / "run")
@@ -118,7 +118,7 @@ def test_05_adds_the_effect_that_was_hidden(tmp_path, capsys):
 
 def _hide(name: str, folder: Path) -> str:
     from tactile_dynamics_ros.synthetic import ScenarioOptions, generate_at_whitened_rms
-    from tactile_dynamics_ros.synthetic.bag import write_bag
+    from tactile_dynamics_ros.synthetic.recordings import write_bag
 
     made = generate_at_whitened_rms(3, {name: 3.0}, ScenarioOptions(duration=8.0))
     return str(write_bag(made.streams, folder / "run"))

@@ -27,8 +27,7 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialPar
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.robot.robot_file import load_robot
-from tactile_dynamics_ros.synthetic.bag import write_bag
-from tactile_dynamics_ros.synthetic.recordings import generate
+from tactile_dynamics_ros.synthetic.recordings import generate, write_bag
 from tactile_dynamics_ros.synthetic.scenario import ScenarioOptions
 
 ROBOT = load_robot()

@@ -27,27 +27,25 @@ from tactile_dynamics_ros.core.tactile.calibration import (
 )
 from tactile_dynamics_ros.core.tactile.electrodes import CHANNELS, PDC, TDC
 from tactile_dynamics_ros.core.tactile.estimators import FORCE_MODELS, create_force_estimator
-from tactile_dynamics_ros.core.tactile.features import MIRROR
 from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig, TactileEstimate
 from tactile_dynamics_ros.core.tactile.network.estimator import (
     NetworkForceEstimator,
     predict_presses,
     predict_sequence,
 )
-from tactile_dynamics_ros.core.tactile.network.inputs import (
+from tactile_dynamics_ros.core.tactile.network.training import TrainingConfig, train_network
+from tactile_dynamics_ros.core.tactile.network.weights import (
     INPUTS,
     MIRROR_INPUTS,
+    SHIPPED_NETWORK,
     Memory,
+    NetworkWeights,
     face_left,
     lagged,
     network_inputs,
-)
-from tactile_dynamics_ros.core.tactile.network.training import TrainingConfig, train_network
-from tactile_dynamics_ros.core.tactile.network.weights import (
-    SHIPPED_NETWORK,
-    NetworkWeights,
     shipped_network,
 )
+from tactile_dynamics_ros.core.tactile.signal_change import MIRROR
 from tactile_dynamics_ros.core.tactile.unit_gain import fit_unit_gain
 from tactile_dynamics_ros.sim.sensors.biotac import BioTacArray, calibrate
 from tactile_dynamics_ros.sim.sensors.biotac.calibrate import (

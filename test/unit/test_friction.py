@@ -16,11 +16,19 @@ from tactile_dynamics_ros.core.friction.estimate import (
     estimate_friction,
     estimate_region,
 )
-from tactile_dynamics_ros.core.friction.hold import balance_forces, total_wrench
-from tactile_dynamics_ros.core.friction.impedance import FingertipImpedance, ImpedanceConfig
+from tactile_dynamics_ros.core.friction.hold import (
+    FingertipImpedance,
+    ImpedanceConfig,
+    balance_forces,
+    total_wrench,
+)
 from tactile_dynamics_ros.core.friction.probe import FrictionProbe
-from tactile_dynamics_ros.core.friction.probe_config import FrictionProbeConfig, ProbePhase
-from tactile_dynamics_ros.core.friction.probe_input import ProbeContact, ProbeInput
+from tactile_dynamics_ros.core.friction.probe_config import (
+    FrictionProbeConfig,
+    ProbeContact,
+    ProbeInput,
+    ProbePhase,
+)
 from tactile_dynamics_ros.core.friction.slip_detection import SlipFusion, SlipObservation
 from tactile_dynamics_ros.core.friction.slip_log import find_slip
 from tactile_dynamics_ros.core.rigid_body.alignment import align_points

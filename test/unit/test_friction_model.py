@@ -11,7 +11,7 @@ from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.friction.discrepancy_model import FrictionModel
 from tactile_dynamics_ros.core.friction.effects import FRICTION
-from tactile_dynamics_ros.core.friction.slip_table import SlipTable, tabulate_slips
+from tactile_dynamics_ros.core.friction.slip_log import SlipTable, tabulate_slips
 from tactile_dynamics_ros.recording.probe_slips import holds_slips, read_slips, write_slips
 
 SEED = 501

@@ -18,7 +18,7 @@ from tactile_dynamics_ros.core.tracking.kinematic_tracker import (
     KinematicTrackerConfig,
     pose_error,
 )
-from tactile_dynamics_ros.core.tracking.pose_average import average_poses
+from tactile_dynamics_ros.core.tracking.pose_fusion import average_poses
 
 ROBOT = load_robot()
 

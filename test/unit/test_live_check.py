@@ -21,7 +21,7 @@ from tactile_dynamics_ros.core.discrepancy.live_check import (
 )
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Misfit
 from tactile_dynamics_ros.core.friction.discrepancy_model import FrictionModel
-from tactile_dynamics_ros.core.friction.slip_table import tabulate_slips
+from tactile_dynamics_ros.core.friction.slip_log import tabulate_slips
 from tactile_dynamics_ros.core.inertia.diagnosis.live_check import compare_streams, diagnose_streams
 from tactile_dynamics_ros.core.streams.measurement_window import MeasurementWindow
 from tactile_dynamics_ros.core.streams.streams import ContactSample, Streams

@@ -18,10 +18,10 @@ from tactile_dynamics_ros.core.manipulation.grasp_controller import (
     Phase,
 )
 from tactile_dynamics_ros.core.manipulation.grasp_planner import (
+    GraspSite,
     plan_grasp,
     squeeze_forces,
 )
-from tactile_dynamics_ros.core.manipulation.grasp_site import GraspSite
 from tactile_dynamics_ros.core.manipulation.squeeze import Squeeze, held_by
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.robot.robot_file import load_robot

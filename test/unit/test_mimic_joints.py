@@ -12,8 +12,11 @@ from numpy.testing import assert_allclose
 
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.manipulation import grasp_planner
-from tactile_dynamics_ros.core.manipulation.grasp_planner import GraspGeometry, plan_grasp
-from tactile_dynamics_ros.core.manipulation.grasp_site import GraspSite
+from tactile_dynamics_ros.core.manipulation.grasp_planner import (
+    GraspGeometry,
+    GraspSite,
+    plan_grasp,
+)
 from tactile_dynamics_ros.core.manipulation.inverse_kinematics import solve_fingers
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.robot.kinematic_tree import (

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from tactile_dynamics_ros.core.tracking.morphology import grow, grow_cross, shrink
+from tactile_dynamics_ros.core.tracking.depth_image import grow, grow_cross, shrink
 
 SQUARE = np.ones((3, 3), dtype=bool)
 

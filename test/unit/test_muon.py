@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import nn
 
-from tactile_dynamics_ros.core.tactile.network.muon import Muon, orthogonalise
+from tactile_dynamics_ros.core.tactile.network.training import Muon, orthogonalise
 
 
 @pytest.mark.parametrize("shape", [(48, 48), (64, 20), (20, 64)])

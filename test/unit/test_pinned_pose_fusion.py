@@ -7,8 +7,11 @@ import pytest
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
-from tactile_dynamics_ros.core.tracking.pose_average import average_poses
-from tactile_dynamics_ros.core.tracking.pose_fusion import PoseFusion, PoseFusionConfig
+from tactile_dynamics_ros.core.tracking.pose_fusion import (
+    PoseFusion,
+    PoseFusionConfig,
+    average_poses,
+)
 
 DRAWS = 200
 CONFIG = PoseFusionConfig(smoothing=0.0, adaptation=0.0)

@@ -31,7 +31,7 @@ from tactile_dynamics_ros.core.discrepancy.comparison import _places
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Condition, Residuals
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.friction.discrepancy_model import FrictionModel
-from tactile_dynamics_ros.core.friction.slip_table import tabulate_slips
+from tactile_dynamics_ros.core.friction.slip_log import tabulate_slips
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate, ModelError
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.recording.pushed import PushedRecording
@@ -40,9 +40,8 @@ from tactile_dynamics_ros.report.discrepancy_report import (
     write_discrepancy_report,
 )
 from tactile_dynamics_ros.synthetic import pushed
-from tactile_dynamics_ros.synthetic.bag import write_bag
 from tactile_dynamics_ros.synthetic.pushed.actions import ActionOptions
-from tactile_dynamics_ros.synthetic.recordings import generate_at_whitened_rms
+from tactile_dynamics_ros.synthetic.recordings import generate_at_whitened_rms, write_bag
 from tactile_dynamics_ros.synthetic.scenario import ScenarioOptions
 
 TIME = np.arange(3000) / 100.0

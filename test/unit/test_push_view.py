@@ -16,8 +16,8 @@ from tactile_dynamics_ros.core.rigid_body.poses import pose_of
 from tactile_dynamics_ros.recording.pushed import PushedRecording
 from tactile_dynamics_ros.view import push_playback
 from tactile_dynamics_ros.view.page import LivePage
-from tactile_dynamics_ros.view.state import State
-from tactile_dynamics_ros.view.told import (
+from tactile_dynamics_ros.view.state import (
+    State,
     take_diagnosis,
     take_markers,
     take_progress,

@@ -8,8 +8,8 @@ import pytest
 from tactile_dynamics_ros.synthetic import pushed
 from tactile_dynamics_ros.synthetic.pushed.actions import Action
 from tactile_dynamics_ros.synthetic.pushed.effects import hide
+from tactile_dynamics_ros.synthetic.pushed.friction_field import spread_weight
 from tactile_dynamics_ros.synthetic.pushed.objects import GRAVITY, draw_object
-from tactile_dynamics_ros.synthetic.pushed.pressure import spread_weight
 from tactile_dynamics_ros.synthetic.pushed.recordings import draw_scene
 from tactile_dynamics_ros.synthetic.pushed.scene import STEP, Scene, Tip
 from tactile_dynamics_ros.synthetic.pushed.simulator import Simulation, simulate

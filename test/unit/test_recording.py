@@ -290,7 +290,7 @@ def test_a_part_of_a_recording_keeps_its_stamps(tmp_path):
 
 def test_a_bag_of_the_benchmark_generator_reads_without_problems(tmp_path):
     from tactile_dynamics_ros.synthetic import ScenarioOptions, SensorOptions, generate
-    from tactile_dynamics_ros.synthetic.bag import write_bag
+    from tactile_dynamics_ros.synthetic.recordings import write_bag
 
     made = generate(
         3,

@@ -19,7 +19,7 @@ from tactile_dynamics_ros.core.effects.check import example_samples
 from tactile_dynamics_ros.core.effects.registry import create_effect, create_effects
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.friction.discrepancy_model import FrictionModel
-from tactile_dynamics_ros.core.friction.slip_table import tabulate_slips
+from tactile_dynamics_ros.core.friction.slip_log import tabulate_slips
 from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldObjectModel
 from tactile_dynamics_ros.core.inertia.diagnosis.readings import fit_with_readings
 from tactile_dynamics_ros.core.numerics.regime import Regime, split_label

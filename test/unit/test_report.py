@@ -22,7 +22,7 @@ from tactile_dynamics_ros.report.discrepancy_report import (
     write_discrepancy_report,
 )
 from tactile_dynamics_ros.report.estimate_report import write_estimate_report
-from tactile_dynamics_ros.report.history import EstimateHistory, settle
+from tactile_dynamics_ros.report.estimates import EstimateHistory, settle
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 

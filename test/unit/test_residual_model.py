@@ -12,7 +12,7 @@ from tactile_dynamics_ros.core.discrepancy.model.check import check_residual_mod
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.friction.discrepancy_model import FrictionModel
 from tactile_dynamics_ros.core.friction.effects import Adhesion
-from tactile_dynamics_ros.core.friction.slip_table import tabulate_slips
+from tactile_dynamics_ros.core.friction.slip_log import tabulate_slips
 from tactile_dynamics_ros.core.inertia.batch.batch import fit_recording
 from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldObjectModel
 from tactile_dynamics_ros.synthetic.recordings import generate

@@ -10,10 +10,15 @@ from numpy.testing import assert_allclose
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3, matrix_to_quaternion
 from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.sim.sensors.depth_camera import DepthCamera, DepthCameraConfig, look_at
-from tactile_dynamics_ros.sim.sensors.encoders import EncoderConfig, JointEncoders
 from tactile_dynamics_ros.sim.sensors.fingertips import Fingertips
-from tactile_dynamics_ros.sim.sensors.marker_tracker import MarkerTracker, MarkerTrackerConfig
-from tactile_dynamics_ros.sim.sensors.wrist_sensor import WristSensor, WristSensorConfig
+from tactile_dynamics_ros.sim.sensors.robot_sensors import (
+    EncoderConfig,
+    JointEncoders,
+    MarkerTracker,
+    MarkerTrackerConfig,
+    WristSensor,
+    WristSensorConfig,
+)
 from tactile_dynamics_ros.sim.simulated_robot import SimulatedRobot, SimulatedRobotConfig
 
 ROBOT = load_robot()

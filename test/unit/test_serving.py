@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 from std_srvs.srv import Trigger
 
-from tactile_dynamics_ros.ros.serving import ANSWER_BURST, ANSWER_SPAN, REQUESTS, Served
+from tactile_dynamics_ros.ros.listening import ANSWER_BURST, ANSWER_SPAN, REQUESTS, Served
 
 
 class Handle(nullcontext):

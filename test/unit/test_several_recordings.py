@@ -15,7 +15,7 @@ from tactile_dynamics_ros.core.inertia.batch.batch import fit_recording
 from tactile_dynamics_ros.core.inertia.residuals.newton_euler_residual import WrenchProblem
 from tactile_dynamics_ros.core.streams.joining import PAUSE, join_streams
 from tactile_dynamics_ros.recording import Recording
-from tactile_dynamics_ros.synthetic.bag import write_bag
+from tactile_dynamics_ros.synthetic.recordings import write_bag
 
 SHORT = CarriedOptions(duration=10.0)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tactile_dynamics_ros.core.robot.standstill import Standstill
+from tactile_dynamics_ros.core.robot.joint_uncertainty import Standstill
 
 
 def since(positions, period=0.01):

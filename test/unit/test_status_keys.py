@@ -14,9 +14,8 @@ from tactile_dynamics_ros.core.inertia.live.live_estimate import Level, Verdict
 from tactile_dynamics_ros.core.inertia.live.refit import fit_live
 from tactile_dynamics_ros.core.planar.filter.change import Change
 from tactile_dynamics_ros.ros.diagnostics import status_values
-from tactile_dynamics_ros.ros.inertia_status import status_of, waiting_status
 from tactile_dynamics_ros.ros.object_state import ObjectState
-from tactile_dynamics_ros.ros.property_status import property_status
+from tactile_dynamics_ros.ros.statuses import property_status, status_of, waiting_status
 
 HELD = ObjectState("held", 3.0, "held")
 FOLLOWED = ObjectState("followed", 3.0, "followed, not touched")

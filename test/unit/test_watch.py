@@ -11,8 +11,7 @@ from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.diagnosis.live_check import diagnose_streams
 from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.recording.bag_writer import write_bag
-from tactile_dynamics_ros.ros.kept_recordings import drop_oldest, keep_and_diagnose
-from tactile_dynamics_ros.ros.watch import Event, Watch, WatchConfig
+from tactile_dynamics_ros.ros.watch import Event, Watch, WatchConfig, drop_oldest, keep_and_diagnose
 from tactile_dynamics_ros.synthetic import ScenarioOptions, generate, generate_at_whitened_rms
 
 CONFIG = WatchConfig(threshold=1.5, hold=5.0, span=30.0)

@@ -12,7 +12,7 @@ from tactile_dynamics_ros.core.effects.catalogue import CatalogueEntry, entry_of
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.effects.registry import EffectRegistry
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.friction.slip_table import SlipTable, slip_scalars
+from tactile_dynamics_ros.core.friction.slip_log import SlipTable, slip_scalars
 from tactile_dynamics_ros.core.numerics.regime import Regime
 
 Array = NDArray[np.float64]

@@ -12,10 +12,12 @@ from tactile_dynamics_ros.core.friction.estimate import (
     SlipEvent,
     estimate_friction,
 )
-from tactile_dynamics_ros.core.friction.hold import Hold, holding_fingers
-from tactile_dynamics_ros.core.friction.impedance import FingertipImpedance
-from tactile_dynamics_ros.core.friction.probe_config import FrictionProbeConfig, ProbePhase
-from tactile_dynamics_ros.core.friction.probe_input import ProbeInput
+from tactile_dynamics_ros.core.friction.hold import FingertipImpedance, Hold, holding_fingers
+from tactile_dynamics_ros.core.friction.probe_config import (
+    FrictionProbeConfig,
+    ProbeInput,
+    ProbePhase,
+)
 from tactile_dynamics_ros.core.friction.slip_detection import SlipFusion, SlipObservation, SlipState
 from tactile_dynamics_ros.core.friction.slip_log import Attempt, SlipLog
 from tactile_dynamics_ros.core.rigid_body.alignment import align_points

@@ -1,14 +1,18 @@
-"""How a probe presses, ramps and when it stops."""
+"""How a probe presses, ramps and stops, and what it is given at one instant."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.friction.estimate import FrictionEstimateConfig
-from tactile_dynamics_ros.core.friction.impedance import ImpedanceConfig
+from tactile_dynamics_ros.core.friction.hold import ImpedanceConfig
 from tactile_dynamics_ros.core.friction.slip_detection import SlipFusionConfig
 
 
@@ -78,3 +82,40 @@ class FrictionProbeConfig:
         check_ranges(self)
         if self.variant not in VARIANTS:
             raise BadInputError(f"variant = '{self.variant}': expected {', '.join(VARIANTS)}")
+
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ProbeContact:
+    """One touching finger.
+
+    Attributes:
+        point: (3,) m, world. force: (3,) N on the object, world axes. std: (3,) N.
+    """
+
+    point: Array
+    force: Array
+    std: Array
+
+
+@dataclass(frozen=True)
+class ProbeInput:
+    """Everything that is measured at one instant.
+
+    Attributes:
+        time: s. touch_time: stamp of the newest touch, s.
+        positions: (J,) rad.
+        contacts: by finger; fingers that touch nothing are missing.
+        object_pose: (4, 4) X_WO.
+        vibration, electrodes: signals of the probing finger, see `SlipObservation`.
+    """
+
+    time: float
+    touch_time: float
+    positions: Array
+    contacts: Mapping[str, ProbeContact]
+    object_pose: Array
+    vibration: float | None = None
+    electrodes: float | None = None

@@ -25,9 +25,9 @@ from tactile_dynamics_ros.core.manipulation.excitation import (
 from tactile_dynamics_ros.core.manipulation.grasp_planner import (
     GraspGeometry,
     GraspPlan,
+    GraspSite,
     plan_grasp,
 )
-from tactile_dynamics_ros.core.manipulation.grasp_site import GraspSite
 from tactile_dynamics_ros.core.manipulation.squeeze import Squeeze, SqueezeConfig, held_by
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 

@@ -1,4 +1,4 @@
-"""How far joint positions can be trusted: encoder noise, calibration offset, backlash."""
+"""How far joint positions can be trusted, and since when a robot stands still."""
 
 from __future__ import annotations
 
@@ -47,3 +47,30 @@ class JointUncertaintyConfig:
 def _per_joint(robot: Robot, arm: float, hand: float, slide: float) -> Array:
     turning = np.where(np.arange(robot.dof) < robot.arm_dof, arm, hand)
     return np.where(column(robot.joints, "slides") > 0.0, slide, turning)
+
+
+_STILL = 0.005
+"""Joint motion, rad (m where joints slide), up to which a robot stands still: 4 mm of a fingertip
+0.8 m from the joint, a third of the motion of the object that ends a probe. Less takes noise and
+the settling of drives for motion, more takes a slow motion for rest."""
+
+
+class Standstill:
+    """Follows joint positions, and says since when none has moved by more than 0.005 rad.
+
+    Attributes:
+        since: s, stamp since which the robot stands still; infinity before the first positions.
+    """
+
+    def __init__(self) -> None:
+        self.clear()
+
+    def clear(self) -> None:
+        """Know nothing."""
+        self._place: Array | None = None
+        self.since = np.inf
+
+    def update(self, time: float, positions: Array) -> None:
+        """Take positions (J,) at a time, s, not decreasing."""
+        if self._place is None or np.max(np.abs(positions - self._place)) > _STILL:
+            self._place, self.since = np.array(positions), time

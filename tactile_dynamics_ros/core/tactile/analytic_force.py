@@ -18,13 +18,13 @@ from tactile_dynamics_ros.core.tactile.calibration import (
     shipped_calibration,
 )
 from tactile_dynamics_ros.core.tactile.electrodes import ELECTRODE_NORMAL, ELECTRODE_POSITION
-from tactile_dynamics_ros.core.tactile.features import force_features, place_features
 from tactile_dynamics_ros.core.tactile.fingertip import (
     Felt,
     FingertipConfigs,
     FingertipEstimator,
     frame_period,
 )
+from tactile_dynamics_ros.core.tactile.signal_change import force_features, place_features
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from scipy.optimize import nnls
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.files import written_whole
 from tactile_dynamics_ros.core.reading import read_json
-from tactile_dynamics_ros.core.tactile.features import MIRROR, force_features, place_features
+from tactile_dynamics_ros.core.tactile.signal_change import MIRROR, force_features, place_features
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.rigid_body.rotation import cross
-from tactile_dynamics_ros.core.tactile.debounce import Debounced
 from tactile_dynamics_ros.core.tactile.electrodes import (
     CHANNELS,
     ELECTRODE_POSITION,
@@ -25,6 +24,7 @@ from tactile_dynamics_ros.core.tactile.signal_change import (
     RestState,
     check_frame,
 )
+from tactile_dynamics_ros.core.tactile.slip import Debounced
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

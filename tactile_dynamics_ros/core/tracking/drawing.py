@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from tactile_dynamics_ros.core.shape.object_shape import Edges, ObjectShape
-from tactile_dynamics_ros.core.tracking.morphology import grow, shrink
+from tactile_dynamics_ros.core.tracking.depth_image import grow, shrink
 from tactile_dynamics_ros.core.tracking.scene import Scene
 
 Array = NDArray[np.float64]

@@ -14,9 +14,9 @@ from tactile_dynamics_ros.core.tracking.depth_image import (
     Image,
     PinholeCamera,
     Window,
+    grow_cross,
     window_around,
 )
-from tactile_dynamics_ros.core.tracking.morphology import grow_cross
 from tactile_dynamics_ros.core.tracking.robot_volume import Volume
 
 Array = NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""What a depth camera and a tracker make of an object whose motion is known, as something passes.
+"""What a depth camera that is carried about, and a tracker, make of an object in motion.
 
 The motion comes from anywhere, such as a recording without a camera; here it is only drawn.
 """
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.planar.network.noise import CROP, depth_crop
 from tactile_dynamics_ros.core.planar.network.noise_features import Looked
 from tactile_dynamics_ros.core.rigid_body.poses import pose_of
-from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion
+from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3, matrix_to_quaternion
 from tactile_dynamics_ros.core.shape.object_shape import MeshSurface, ObjectShape
 from tactile_dynamics_ros.core.tracking.depth_image import PinholeCamera
 from tactile_dynamics_ros.core.tracking.links.link_tracker import Link
@@ -25,6 +25,43 @@ from tactile_dynamics_ros.sim.planar_objects import prism
 from tactile_dynamics_ros.sim.sensors.depth_camera import DepthCamera, DepthCameraConfig, look_at
 
 Array = NDArray[np.float64]
+
+TURN_RATE = 1.0
+"""Largest rate at which the camera turns, rad/s: as arms turn a wrist. Half of it doubles the time
+of moves that only turn."""
+
+
+class Carriage:
+    """Moves straight to its target and turns evenly on the way.
+
+    Args:
+        pose: (4, 4) at the start.
+        speed: m/s.
+
+    Attributes:
+        pose: (4, 4) now.
+    """
+
+    def __init__(self, pose: Array, speed: float) -> None:
+        self.pose, self._target, self._speed = pose.copy(), pose.copy(), speed
+
+    def go_to(self, target: Array) -> None:
+        """Set where to be, (4, 4)."""
+        self._target = target.copy()
+
+    def advance(self, duration: float) -> None:
+        """Move for so many seconds."""
+        way = self._target[:3, 3] - self.pose[:3, 3]
+        turn = log_so3(self.pose[:3, :3].T @ self._target[:3, :3])
+        needed = max(np.linalg.norm(way) / self._speed, np.linalg.norm(turn) / TURN_RATE)
+        if needed <= duration:
+            self.pose = self._target.copy()
+            return
+        share = duration / needed
+        self.pose[:3, 3] += share * way
+        self.pose[:3, :3] = self.pose[:3, :3] @ exp_so3(share * turn)
+
+
 Image = NDArray[np.float32]
 
 _DISTANCE, _HEIGHT = 0.75, (0.35, 0.6)

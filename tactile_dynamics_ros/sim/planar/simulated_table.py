@@ -11,15 +11,20 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.sim.planar.bed import Surface, uneven_friction
-from tactile_dynamics_ros.sim.planar.carriage import Carriage
 from tactile_dynamics_ros.sim.planar.hidden_effects import HiddenPushEffect, hide, known_effect
-from tactile_dynamics_ros.sim.planar.links import Outline, joint_truth, outlines
+from tactile_dynamics_ros.sim.planar.looking import Carriage
 from tactile_dynamics_ros.sim.planar.pusher import Pusher, PusherConfig
-from tactile_dynamics_ros.sim.planar.table import TableWorld, scattered
-from tactile_dynamics_ros.sim.planar.touch_sensors import Felt, TouchSensorConfig, TouchSensors
+from tactile_dynamics_ros.sim.planar.table import (
+    Outline,
+    TableWorld,
+    joint_truth,
+    outlines,
+    scattered,
+)
+from tactile_dynamics_ros.sim.planar.touch import Felt, TouchSensorConfig, TouchSensors
 from tactile_dynamics_ros.sim.planar_objects import PlanarObject, last_number, planar_object
 from tactile_dynamics_ros.sim.sensors.depth_camera import DepthCamera, DepthCameraConfig, look_at
-from tactile_dynamics_ros.sim.sensors.marker_tracker import MarkerTracker, MarkerTrackerConfig
+from tactile_dynamics_ros.sim.sensors.robot_sensors import MarkerTracker, MarkerTrackerConfig
 from tactile_dynamics_ros.sim.simulated_robot import is_due, silenced
 
 Array = NDArray[np.float64]

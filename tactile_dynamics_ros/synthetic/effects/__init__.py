@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from tactile_dynamics_ros.synthetic import randomness
 from tactile_dynamics_ros.synthetic.effects import (
-    events,
     external,
     internal,
     measurement,
     outside_sensor,
     outside_world,
 )
-from tactile_dynamics_ros.synthetic.effects.base import HiddenEffect, Quantity
-from tactile_dynamics_ros.synthetic.effects.gated import Bounds, Gated
+from tactile_dynamics_ros.synthetic.effects.base import Bounds, Gated, HiddenEffect, Quantity
 from tactile_dynamics_ros.synthetic.scenario import Scenario
 
 _CATALOGUED = (
@@ -57,9 +55,9 @@ _UNKNOWN = (
     outside_sensor.ElectricHum,
     outside_sensor.NonlinearGain,
 )
-_EVENTS = (events.PayloadChange, events.GraspShift)
+_EVENTS = (internal.PayloadChange, internal.GraspShift)
 CATALOGUE = tuple(effect.name for effect in _CATALOGUED)
-EVENTS = (events.PayloadChange.name,)
+EVENTS = (internal.PayloadChange.name,)
 """Names of what happens to an object in a hand; a grasp that shifts shows in its pose."""
 OUTSIDE = tuple(effect.name for effect in _UNKNOWN)
 _BY_NAME = {effect.name: effect for effect in (*_CATALOGUED, *_UNKNOWN, *_EVENTS)}

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tactile_dynamics_ros.synthetic.pushed.friction_field import spread_weight
 from tactile_dynamics_ros.synthetic.pushed.objects import Link, PushedObject
-from tactile_dynamics_ros.synthetic.pushed.pressure import spread_weight
 
 _HINGE_ARM = 0.05
 """m at which friction of the hinge is counted as a force, so that it creeps as slowly as a foot."""

@@ -22,7 +22,7 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
 )
 from tactile_dynamics_ros.core.rigid_body.rotation import skew
 from tactile_dynamics_ros.core.streams.streams import PoseStream, places_at
-from tactile_dynamics_ros.core.tracking.pose_average import average_poses
+from tactile_dynamics_ros.core.tracking.pose_fusion import average_poses
 
 Array = NDArray[np.float64]
 

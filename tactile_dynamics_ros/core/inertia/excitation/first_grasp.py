@@ -18,8 +18,11 @@ from tactile_dynamics_ros.core.inertia.excitation.plan import (
     plan_motion,
 )
 from tactile_dynamics_ros.core.inertia.excitation.trajectory import HeldPose
-from tactile_dynamics_ros.core.manipulation.grasp_planner import plan_grasp, squeeze_forces
-from tactile_dynamics_ros.core.manipulation.grasp_site import GraspSite
+from tactile_dynamics_ros.core.manipulation.grasp_planner import (
+    GraspSite,
+    plan_grasp,
+    squeeze_forces,
+)
 from tactile_dynamics_ros.core.manipulation.squeeze import SqueezeConfig
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     dynamic_parameters_from_log_cholesky,

@@ -12,15 +12,13 @@ from tactile_dynamics_ros.core.tactile.fingertip import (
     FingertipEstimator,
     frame_period,
 )
-from tactile_dynamics_ros.core.tactile.network.inputs import (
+from tactile_dynamics_ros.core.tactile.network.weights import (
     REST_MEAN,
     Memory,
-    lagged,
-    network_inputs,
-)
-from tactile_dynamics_ros.core.tactile.network.weights import (
     NetworkWeights,
     Prediction,
+    lagged,
+    network_inputs,
     shipped_network,
 )
 

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3, skew, turned_by, twice
 from tactile_dynamics_ros.core.shape.object_shape import ObjectShape
-from tactile_dynamics_ros.core.shape.superquadric.superquadric import Superquadric
-from tactile_dynamics_ros.core.shape.superquadric.surface import tracked_shape
+from tactile_dynamics_ros.core.shape.superquadric.superquadric import Superquadric, tracked_shape
 from tactile_dynamics_ros.core.tracking.fit import Fit, judge, pivot_of
 from tactile_dynamics_ros.core.tracking.links.motion import LinkMotion
 from tactile_dynamics_ros.core.tracking.registration import PLANAR, Registration

@@ -5,7 +5,7 @@ electrodes gets thinner and its impedance rises, the displaced fluid bulges the 
 raises the pressure. Nothing here is shared with the estimators that read the counts.
 """
 
-from tactile_dynamics_ros.sim.sensors.biotac.configuration import BioTacConfig
 from tactile_dynamics_ros.sim.sensors.biotac.sensor import BioTacArray
+from tactile_dynamics_ros.sim.sensors.biotac.unit import BioTacConfig
 
 __all__ = ["BioTacArray", "BioTacConfig"]

@@ -22,8 +22,8 @@ from tactile_dynamics_ros.core.tactile.calibration import (
     fit_calibration,
 )
 from tactile_dynamics_ros.core.tactile.signal_change import RestState
-from tactile_dynamics_ros.sim.sensors.biotac.configuration import BioTacConfig
 from tactile_dynamics_ros.sim.sensors.biotac.presses import Presses, protocols, record_presses
+from tactile_dynamics_ros.sim.sensors.biotac.unit import BioTacConfig
 
 HELD_OUT_SEED = 100_000
 _PROCESSES = 2

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.sim.sensors.biotac.configuration import BioTacConfig
 from tactile_dynamics_ros.sim.sensors.biotac.sensor import BioTacArray
 from tactile_dynamics_ros.sim.sensors.biotac.skin import OUTER_RADIUS, outward_normal
+from tactile_dynamics_ros.sim.sensors.biotac.unit import BioTacConfig
 
 Array = NDArray[np.float64]
 
