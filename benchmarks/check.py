@@ -17,8 +17,7 @@ from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import (
 )
 from tactile_dynamics_ros.core.inertia.estimate import estimate
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import inertia_vector
-from tactile_dynamics_ros.core.streams.cutting import cut_streams
-from tactile_dynamics_ros.core.streams.joining import join_streams
+from tactile_dynamics_ros.core.streams.joining import cut_streams, join_streams
 from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.synthetic import (
     HiddenRecording,

@@ -15,11 +15,10 @@ import tactile_dynamics_ros as td
 from benchmarks.page_section import compose_section, section_parser, show
 from benchmarks.support.layouts.wrist_log import INERTIA_PER_MASS, WristLog
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate
-from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
-from tactile_dynamics_ros.core.rigid_body.known_body import KnownBody
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters, KnownBody
 from tactile_dynamics_ros.recording import Recording
-from tactile_dynamics_ros.recording.body_files import read_body, write_body
 from tactile_dynamics_ros.recording.importers.kuka_ft_imu import KukaFtImuImporter
+from tactile_dynamics_ros.recording.yaml_files import read_body, write_body
 
 FIRST_SEED = 26000
 """Seeds from here on were not used for tuning."""

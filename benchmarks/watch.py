@@ -12,7 +12,7 @@ import numpy as np
 from benchmarks.page_section import compose_section, section_parser, show
 from tactile_dynamics_ros.core.discrepancy.live_check import LiveCheckConfig
 from tactile_dynamics_ros.core.inertia.diagnosis.live_check import compare_streams, diagnose_streams
-from tactile_dynamics_ros.core.streams.cutting import cut_streams
+from tactile_dynamics_ros.core.streams.joining import cut_streams
 from tactile_dynamics_ros.core.streams.streams import Streams
 from tactile_dynamics_ros.ros.watch import Event, Watch, WatchConfig
 from tactile_dynamics_ros.synthetic import ScenarioOptions, generate, generate_at_whitened_rms

@@ -24,8 +24,7 @@ from tactile_dynamics_ros.core.planar.actions.affordances import (
     pushes,
 )
 from tactile_dynamics_ros.core.planar.actions.straight import StraightAction
-from tactile_dynamics_ros.core.planar.control.guard import Seen
-from tactile_dynamics_ros.core.planar.control.performance import WayConfig, action_of
+from tactile_dynamics_ros.core.planar.control.performance import Seen, WayConfig, action_of
 from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate, estimate
 from tactile_dynamics_ros.sim.planar.simulated_table import (
     SimulatedTable,

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.planar.control.controller import Outcome, PushController
-from tactile_dynamics_ros.core.planar.control.guard import Seen
 from tactile_dynamics_ros.core.planar.control.joint_watch import LOW, JointWatch, body_of_two
 from tactile_dynamics_ros.core.planar.control.jointed import Hinge
+from tactile_dynamics_ros.core.planar.control.performance import Seen
 from tactile_dynamics_ros.core.planar.control.prediction import Pushable, PushedBody
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3
 from tactile_dynamics_ros.sim.planar.simulated_table import (

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.rigid_body.poses import pose_of
+from tactile_dynamics_ros.core.rigid_body.rotation import pose_of
 from tactile_dynamics_ros.sim.planar_objects import PlanarObject
 
 Array = NDArray[np.float64]

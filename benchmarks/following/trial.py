@@ -14,8 +14,7 @@ from benchmarks.following.script import PLACE, Moment, write_script
 from benchmarks.following.stage import GRIPPER, LENS, Stage
 from benchmarks.shape.camera import TableCamera, first_pose
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
-from tactile_dynamics_ros.core.rigid_body.poses import pose_of
-from tactile_dynamics_ros.core.rigid_body.rotation import log_so3
+from tactile_dynamics_ros.core.rigid_body.rotation import log_so3, pose_of
 from tactile_dynamics_ros.core.shape.object_shape import MeshSurface, ObjectShape
 from tactile_dynamics_ros.core.shape.superquadric.scene import read_scene
 from tactile_dynamics_ros.core.shape.superquadric.views import looking_at

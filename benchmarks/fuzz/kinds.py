@@ -22,20 +22,19 @@ from tactile_dynamics_ros.core.effects.formula import load_effects
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.manipulation.excitation import OffsetTable
 from tactile_dynamics_ros.core.planar.known import KnownPushed
-from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
-from tactile_dynamics_ros.core.rigid_body.known_body import KnownBody
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters, KnownBody
 from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion
 from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.core.shape.object_shape import load_shape
 from tactile_dynamics_ros.core.tactile.calibration import SHIPPED_CALIBRATION, ForceCalibration
 from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.recording.bag_writer import write_bag
-from tactile_dynamics_ros.recording.body_files import read_body, write_body
 from tactile_dynamics_ros.recording.clouds import read_clouds
 from tactile_dynamics_ros.recording.importers.bag_tables import read_topic, topic_types
 from tactile_dynamics_ros.recording.probe_slips import holds_slips
 from tactile_dynamics_ros.recording.pushed import PushedRecording, recorded_model
 from tactile_dynamics_ros.recording.pushed.known_files import read_known, write_known
+from tactile_dynamics_ros.recording.yaml_files import read_body, write_body
 from tactile_dynamics_ros.share import share_file
 
 SECONDS = 1.0

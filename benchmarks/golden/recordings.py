@@ -12,7 +12,7 @@ from benchmarks.support.conventions import mistaken
 from benchmarks.support.regimes import generate_in_regime
 from benchmarks.support.static_poses import StaticLoad, weigh_poses
 from benchmarks.support.tables import WristOptions, wrist_table
-from tactile_dynamics_ros.core.streams.cutting import cut_streams
+from tactile_dynamics_ros.core.streams.joining import cut_streams
 from tactile_dynamics_ros.core.streams.streams import Streams
 from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.recording.pushed import PushedRecording

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from benchmarks.support.residual_map import residual_map
 from tactile_dynamics_ros.core.planar.mechanics.simulation import GRAVITY
 from tactile_dynamics_ros.core.planar.sparse.fit import SparseFit, fit_pushes, fit_sparse
+from tactile_dynamics_ros.core.planar.sparse.prediction import product_between_rests
 from tactile_dynamics_ros.core.planar.sparse.pushes import cut_pushes
-from tactile_dynamics_ros.core.planar.sparse.work import product_between_rests
 from tactile_dynamics_ros.recording.importers.goal_pushes_zhou2017 import GoalPushesZhou2017Importer
 from tactile_dynamics_ros.recording.importers.pushes_mit import PushesMitImporter
 from tactile_dynamics_ros.recording.importers.pushes_zhou2016 import PushesZhou2016Importer

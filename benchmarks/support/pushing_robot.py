@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.planar.actions.straight import StraightAction, StraightConfig
+from tactile_dynamics_ros.core.planar.actions.straight import StraightAction, StraightConfig, Travel
 from tactile_dynamics_ros.core.planar.actions.straight import straight_action as plan
-from tactile_dynamics_ros.core.planar.actions.travel import Travel
 from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, PushedStreams
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3
 from tactile_dynamics_ros.sim.planar.simulated_table import (

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tactile_dynamics_ros.core.streams.cutting import contact_rows, pose_rows
+from tactile_dynamics_ros.core.streams.joining import contact_rows, pose_rows
 from tactile_dynamics_ros.core.streams.streams import Streams
 from tactile_dynamics_ros.synthetic.recordings import HiddenRecording, generate
 from tactile_dynamics_ros.synthetic.scenario import ScenarioOptions

@@ -14,8 +14,7 @@ from tactile_dynamics_ros.api.properties import (
     sentence_of,
 )
 from tactile_dynamics_ros.api.questions import Question
-from tactile_dynamics_ros.api.result import ReportedResult, Rows
-from tactile_dynamics_ros.api.text_table import align_rows
+from tactile_dynamics_ros.api.result import ReportedResult, Rows, align_rows
 from tactile_dynamics_ros.core.discrepancy.verdict.wording import join_names, write_p_value
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.progress import tell

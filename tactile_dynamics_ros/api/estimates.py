@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tactile_dynamics_ros.api.questions import Question, question_held
-from tactile_dynamics_ros.api.result import ReportedResult, Rows
-from tactile_dynamics_ros.api.text_table import align_rows
+from tactile_dynamics_ros.api.result import ReportedResult, Rows, align_rows
 from tactile_dynamics_ros.core.discrepancy.verdict.wording import write_interval
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import ModelError
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
     from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
     from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate
     from tactile_dynamics_ros.core.inertia.batch.knowledge import Comparison as MemoryComparison
-    from tactile_dynamics_ros.core.rigid_body.known_body import KnownBody
+    from tactile_dynamics_ros.core.rigid_body.inertial_parameters import KnownBody
     from tactile_dynamics_ros.export import Export
     from tactile_dynamics_ros.recording import Recording
 
@@ -135,7 +134,7 @@ class Estimate(ReportedResult):
 
     def known(self) -> KnownBody:
         """Return what is known of the body now, as files of bodies hold it."""
-        from tactile_dynamics_ros.core.rigid_body.known_body import KnownBody
+        from tactile_dynamics_ros.core.rigid_body.inertial_parameters import KnownBody
 
         self.require_answer()
         combined = self.prior is not None and not self.changed
@@ -158,7 +157,7 @@ class Estimate(ReportedResult):
             BadInputError: another file is there, or the file of another object.
             NotIdentifiableError: the numbers are no answer.
         """
-        from tactile_dynamics_ros.recording.body_files import write_body
+        from tactile_dynamics_ros.recording.yaml_files import write_body
 
         if self.changed and self.prior and Path(self.prior.name) == Path(path):
             raise BadInputError(

@@ -1,14 +1,27 @@
-"""What all results have in common: a document, lines, a figure, a page, a place in a notebook."""
+"""What all results have in common: a document, lines, a figure, a page."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+def align_rows(rows: Sequence[Sequence[str]], indent: int = 2) -> str:
+    """Return rows of cells as lines with aligned columns; the first column to the left."""
+    widths = [max(len(cell) for cell in column) for column in zip(*rows, strict=True)]
+    lines = []
+    for first, *others in rows:
+        cells = [first.ljust(widths[0])]
+        cells += [cell.rjust(width) for cell, width in zip(others, widths[1:], strict=True)]
+        lines.append((" " * indent + "  ".join(cells)).rstrip())
+    return "\n".join(lines)
+
 
 Rows = list[tuple[str, ...]]
 """A table; the first row has the names of its columns."""

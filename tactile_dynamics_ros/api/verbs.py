@@ -241,7 +241,7 @@ def estimate(
             raise BadInputError("tool, wrist, hand: not for an object on a support; leave them out")
         return _estimate_pushed(recorded, effects, prior)
     from tactile_dynamics_ros.core.inertia.estimate import estimate as fit
-    from tactile_dynamics_ros.recording.body_files import read_body
+    from tactile_dynamics_ros.recording.yaml_files import read_body
 
     if (wrist is None) != (hand is None):
         raise BadInputError("wrist: expected the recording of the wrist and the file of the hand")

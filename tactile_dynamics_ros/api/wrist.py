@@ -11,7 +11,7 @@ from tactile_dynamics_ros.core.discrepancy.verdict.wording import write_interval
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate
-    from tactile_dynamics_ros.core.rigid_body.known_body import KnownBody
+    from tactile_dynamics_ros.core.rigid_body.inertial_parameters import KnownBody
     from tactile_dynamics_ros.recording import Recording
 
 
@@ -70,7 +70,7 @@ class WristShare:
     def known(self) -> KnownBody:
         """The object as something known beside the fingertips."""
         from tactile_dynamics_ros.core.inertia.batch.wrist import told_apart
-        from tactile_dynamics_ros.core.rigid_body.known_body import KnownBody
+        from tactile_dynamics_ros.core.rigid_body.inertial_parameters import KnownBody
 
         body = self.body
         return KnownBody(

@@ -212,7 +212,7 @@ def _show(
         ]
         print(json.dumps(documents))
         return
-    from tactile_dynamics_ros.api.text_table import align_rows
+    from tactile_dynamics_ros.api.result import align_rows
 
     cells = [[name, *others] for name, (_, *others) in zip(short_names(answers), rows, strict=True)]
     print(align_rows([header, *[[cell[:_WIDEST] for cell in line] for line in cells]], indent=0))

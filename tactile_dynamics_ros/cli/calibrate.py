@@ -66,7 +66,7 @@ def run(args: Namespace) -> int:
 
 def _print_drift(args: Namespace) -> int:
     from tactile_dynamics_ros.core.tactile.thermal_drift import fit_thermal_drift
-    from tactile_dynamics_ros.recording.fingertip_frames import read_fingertip_frames
+    from tactile_dynamics_ros.recording.probe_slips import read_fingertip_frames
 
     frames = read_fingertip_frames(Path(args.bag), args.namespace)
     fingers = load_robot(args.robot).fingers

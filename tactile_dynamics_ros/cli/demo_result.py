@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.image import imread
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.api.text_table import align_rows
+from tactile_dynamics_ros.api.result import align_rows
 from tactile_dynamics_ros.cli.demo_monitor import NAMES
 from tactile_dynamics_ros.core.discrepancy.verdict.wording import join_names
 from tactile_dynamics_ros.core.effects import create_effects

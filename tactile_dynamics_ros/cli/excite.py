@@ -8,7 +8,7 @@ from argparse import Namespace, _SubParsersAction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tactile_dynamics_ros.api.text_table import align_rows
+from tactile_dynamics_ros.api.result import align_rows
 from tactile_dynamics_ros.cli.recordings import (
     add_recording_arguments,
     read_effects,
@@ -116,8 +116,10 @@ def _plan(args: Namespace) -> ExcitationPlan:
     """
     from tactile_dynamics_ros.core.inertia.diagnosis.readings import fit_with_readings
     from tactile_dynamics_ros.core.inertia.excitation import DesignConfig, MotionLimits
-    from tactile_dynamics_ros.core.inertia.excitation.first_grasp import plan_first_excitation
-    from tactile_dynamics_ros.core.inertia.excitation.plan import plan_excitation
+    from tactile_dynamics_ros.core.inertia.excitation.plan import (
+        plan_excitation,
+        plan_first_excitation,
+    )
 
     if (args.bag is None) == (args.object is None):
         raise BadInputError("excite: expected a recording, or --object NAME before the first grasp")

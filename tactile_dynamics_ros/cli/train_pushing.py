@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from tactile_dynamics_ros.core.files import new_file
+from tactile_dynamics_ros.core.files import new_file, read_records, write_records
 from tactile_dynamics_ros.core.planar.network.mechanics import expected_steps
 from tactile_dynamics_ros.core.planar.network.process import help_units
 from tactile_dynamics_ros.core.planar.network.transitions import (
@@ -23,7 +23,6 @@ from tactile_dynamics_ros.core.planar.network.transitions import (
     make_examples,
 )
 from tactile_dynamics_ros.core.planar.network.weights import ACTIONS, GraphWeights, shipped_file
-from tactile_dynamics_ros.core.records import read_records, write_records
 from tactile_dynamics_ros.synthetic import pushed
 from tactile_dynamics_ros.synthetic.pushed.transitions import cut_all
 

@@ -25,9 +25,11 @@ from tactile_dynamics_ros.core.planar.actions.information import (
     SensingConfig,
 )
 from tactile_dynamics_ros.core.planar.actions.straight import drawing_back, freeing
-from tactile_dynamics_ros.core.planar.control.guard import Guard, GuardConfig, Seen
 from tactile_dynamics_ros.core.planar.control.performance import (
+    Guard,
+    GuardConfig,
     Performance,
+    Seen,
     WayConfig,
     action_of,
 )

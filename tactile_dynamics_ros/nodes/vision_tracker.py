@@ -17,7 +17,7 @@ from sensor_msgs.msg import CameraInfo, Image, JointState
 from std_msgs.msg import Float64
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.core.rigid_body.poses import rpy_to_matrix
+from tactile_dynamics_ros.core.rigid_body.rotation import rpy_to_matrix
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.shape.object_shape import MESH_SUFFIXES, load_shape
 from tactile_dynamics_ros.core.tracking.depth_image import PinholeCamera

@@ -22,7 +22,7 @@ from tactile_dynamics_ros.recording.assembly import (
     quaternions_of,
 )
 from tactile_dynamics_ros.recording.cleaning import ProblemLog
-from tactile_dynamics_ros.recording.columns import (
+from tactile_dynamics_ros.recording.topics import (
     ImuColumns,
     PoseColumns,
     StdColumns,

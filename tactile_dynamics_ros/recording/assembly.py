@@ -37,7 +37,7 @@ from tactile_dynamics_ros.recording.cleaning import (
     scale_quaternions,
     select,
 )
-from tactile_dynamics_ros.recording.columns import (
+from tactile_dynamics_ros.recording.topics import (
     ImuColumns,
     PoseColumns,
     StdColumns,

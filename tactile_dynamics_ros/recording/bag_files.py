@@ -19,7 +19,12 @@ from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 
 from tactile_dynamics_ros.core.errors import BadInputError, nearest_file
-from tactile_dynamics_ros.recording.bag_limits import check_limits, metadata_of
+from tactile_dynamics_ros.recording.bag_limits import (
+    ZSTD_ERROR,
+    check_limits,
+    metadata_of,
+    salvage_messages,
+)
 from tactile_dynamics_ros.recording.cdr import (
     DOUBLES,
     UNSTAMPED_DOUBLES,
@@ -27,7 +32,6 @@ from tactile_dynamics_ros.recording.cdr import (
     decode_messages,
     join_tables,
 )
-from tactile_dynamics_ros.recording.salvage import ZSTD_ERROR, salvage_messages
 
 STORAGE_SUFFIXES = (".mcap", ".db3")
 ROS1_SUFFIX = ".bag"

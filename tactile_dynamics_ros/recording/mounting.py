@@ -9,13 +9,13 @@ import numpy as np
 
 from tactile_dynamics_ros.core.rigid_body.rotation import quaternion_to_matrix
 from tactile_dynamics_ros.recording.cleaning import ProblemLog
-from tactile_dynamics_ros.recording.columns import PoseColumns, WrenchColumns
-from tactile_dynamics_ros.recording.importers.guess.bag_mounts import (
+from tactile_dynamics_ros.recording.importers.guess.bag_links import (
     Mount,
     fitting_mount,
     mounts_of,
 )
 from tactile_dynamics_ros.recording.importers.guess.weight import Measured, Scene, Weighing
+from tactile_dynamics_ros.recording.topics import PoseColumns, WrenchColumns
 
 
 def pose_of_sensor(

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.streams.cutting import cut_streams
-from tactile_dynamics_ros.core.streams.joining import join_streams
+from tactile_dynamics_ros.core.streams.joining import cut_streams, join_streams
 from tactile_dynamics_ros.core.streams.streams import ContactStream, PoseStream, Streams
 from tactile_dynamics_ros.core.tracking.hand_error import carry_contacts
 from tactile_dynamics_ros.recording import topics
@@ -20,8 +19,7 @@ from tactile_dynamics_ros.recording.assembly import assemble_contact, assemble_i
 from tactile_dynamics_ros.recording.bag_files import BagTables, read_tables
 from tactile_dynamics_ros.recording.bag_writer import write_bag
 from tactile_dynamics_ros.recording.cdr import empty_table
-from tactile_dynamics_ros.recording.cleaning import ProblemLog, ranked_lines
-from tactile_dynamics_ros.recording.conventions import doubtful_conventions
+from tactile_dynamics_ros.recording.cleaning import ProblemLog, doubtful_conventions, ranked_lines
 from tactile_dynamics_ros.recording.frames import Frames
 from tactile_dynamics_ros.recording.namespaces import RecordedNames
 from tactile_dynamics_ros.recording.static_poses import held_poses

@@ -13,11 +13,11 @@ from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.robot.kinematic_tree import chain
 from tactile_dynamics_ros.core.robot.robot import Robot
 from tactile_dynamics_ros.core.robot.robot_file import DEFAULT_ROBOT, load_robot
-from tactile_dynamics_ros.core.streams.cutting import cut_streams
+from tactile_dynamics_ros.core.streams.joining import cut_streams
 from tactile_dynamics_ros.core.streams.streams import PoseStream, Streams
+from tactile_dynamics_ros.recording.importers.bag_reader import WRENCH_COLUMNS
 from tactile_dynamics_ros.recording.importers.bag_tables import read_topic, topic_types
 from tactile_dynamics_ros.recording.importers.joint_angles import link_pose
-from tactile_dynamics_ros.recording.importers.message_columns import WRENCH_COLUMNS
 from tactile_dynamics_ros.recording.recording import Recording
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ from tactile_dynamics_ros.core.configuration import parameter
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate
 from tactile_dynamics_ros.core.inertia.batch.knowledge import without_tool
-from tactile_dynamics_ros.recording.body_files import read_body
+from tactile_dynamics_ros.recording.yaml_files import read_body
 from tactile_dynamics_ros.ros.parameters import declare_config
 from tactile_dynamics_ros.ros.shell import Shell
 

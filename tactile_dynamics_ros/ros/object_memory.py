@@ -15,8 +15,8 @@ from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate
 from tactile_dynamics_ros.core.inertia.batch.knowledge import Comparison, with_memory
 from tactile_dynamics_ros.core.inertia.live.live_estimate import MISFIT, Level, Verdict
-from tactile_dynamics_ros.core.rigid_body.known_body import KnownBody
-from tactile_dynamics_ros.recording.body_files import read_body, write_body
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import KnownBody
+from tactile_dynamics_ros.recording.yaml_files import read_body, write_body
 from tactile_dynamics_ros.ros.diagnostics import status_message
 from tactile_dynamics_ros.ros.parameters import declare_config
 from tactile_dynamics_ros.ros.shell import Shell

@@ -17,7 +17,7 @@ from geometry_msgs.msg import (
 from numpy.typing import NDArray
 from std_msgs.msg import Float64
 
-from tactile_dynamics_ros.core.contact.outline_contact import (
+from tactile_dynamics_ros.core.contact.contact_state import (
     OutlineContact,
     OutlineContactConfig,
     nearest_side,

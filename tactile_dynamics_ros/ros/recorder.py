@@ -14,7 +14,7 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag2 import WriterError
 
 from tactile_dynamics_ros.core.errors import refuse_existing
-from tactile_dynamics_ros.recording.live_writer import LiveWriter
+from tactile_dynamics_ros.recording.bag_writer import LiveWriter
 from tactile_dynamics_ros.ros.names import CLOCK, DEPTH_IMAGE, DIAGNOSTICS, EMERGENCY_STOP, TF
 from tactile_dynamics_ros.ros.shell import Shell
 

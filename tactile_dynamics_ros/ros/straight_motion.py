@@ -13,9 +13,9 @@ from std_msgs.msg import Bool, Float64
 from tactile_dynamics_ros.core.planar.actions.straight import (
     StraightAction,
     StraightConfig,
+    Travel,
     straight_action,
 )
-from tactile_dynamics_ros.core.planar.actions.travel import Travel
 from tactile_dynamics_ros.ros.conversions import pose_to_core, pose_to_message, to_seconds
 from tactile_dynamics_ros.ros.names import (
     EMERGENCY_STOP,

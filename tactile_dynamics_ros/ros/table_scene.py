@@ -22,8 +22,8 @@ from std_msgs.msg import Float64
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.planar.actions.information import Belief
-from tactile_dynamics_ros.core.planar.control.guard import Seen
 from tactile_dynamics_ros.core.planar.control.joint_watch import LOW, JointWatch, body_of_two
+from tactile_dynamics_ros.core.planar.control.performance import Seen
 from tactile_dynamics_ros.core.planar.control.plan import Bounds
 from tactile_dynamics_ros.core.planar.control.prediction import Pushable, PushedBody
 from tactile_dynamics_ros.core.planar.mechanics.linkage import in_frame, placed

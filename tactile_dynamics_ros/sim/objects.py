@@ -15,7 +15,7 @@ from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.manipulation.grasp_planner import GraspSite
 from tactile_dynamics_ros.core.reading import read_yaml
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
-from tactile_dynamics_ros.core.rigid_body.poses import described_pose, rpy_to_matrix
+from tactile_dynamics_ros.core.rigid_body.rotation import described_pose, rpy_to_matrix
 from tactile_dynamics_ros.share import share_file
 
 Array = NDArray[np.float64]

@@ -20,7 +20,7 @@ from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.inertia.live.live_estimate import MISFIT
 from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate, estimate
 from tactile_dynamics_ros.core.planar.streams import PushContact, PushedStreams
-from tactile_dynamics_ros.core.rigid_body.poses import pose_of
+from tactile_dynamics_ros.core.rigid_body.rotation import pose_of
 from tactile_dynamics_ros.core.streams.streams import nearest_samples
 from tactile_dynamics_ros.recording.bag_files import RawMessage, read_messages
 from tactile_dynamics_ros.recording.pushed import PushedRecording

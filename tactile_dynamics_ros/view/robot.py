@@ -11,8 +11,7 @@ import trimesh
 from numpy.typing import NDArray
 from viser import SceneApi
 
-from tactile_dynamics_ros.core.rigid_body.poses import pose_of
-from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion
+from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion, pose_of
 from tactile_dynamics_ros.core.robot.kinematic_tree import (
     parse_urdf,
     placed,

@@ -13,10 +13,9 @@ from synthetic_recording import COM, FORCE_STD, INERTIA_COM, MASS, held_box
 from visualization_msgs.msg import MarkerArray
 
 from tactile_dynamics_ros.core.friction.estimate import FrictionEstimate
-from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
-from tactile_dynamics_ros.core.rigid_body.known_body import KnownBody
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters, KnownBody
 from tactile_dynamics_ros.nodes.inertial_estimator import InertialEstimatorNode
-from tactile_dynamics_ros.recording.body_files import read_body, write_body
+from tactile_dynamics_ros.recording.yaml_files import read_body, write_body
 from tactile_dynamics_ros.ros import conversions as cv
 from tactile_dynamics_ros.ros.diagnostics import status_values
 from tactile_dynamics_ros.ros.estimate_markers import METRES_PER_NEWTON

@@ -12,7 +12,7 @@ from std_msgs.msg import Float64
 from synthetic_recording import held_box
 from test_inertial_estimator import play, put_down
 
-from tactile_dynamics_ros.core.streams.cutting import cut_streams
+from tactile_dynamics_ros.core.streams.joining import cut_streams
 from tactile_dynamics_ros.nodes.model_check import ModelCheckNode
 from tactile_dynamics_ros.ros.conversions import header
 from tactile_dynamics_ros.ros.diagnostics import status_message

@@ -6,7 +6,7 @@ from geometry_msgs.msg import PoseStamped, WrenchStamped
 from numpy.testing import assert_allclose
 from std_msgs.msg import Float64
 
-from tactile_dynamics_ros.core.contact.outline_contact import nearest_side
+from tactile_dynamics_ros.core.contact.contact_state import nearest_side
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 from tactile_dynamics_ros.nodes.contact_state import ContactStateNode

@@ -13,9 +13,14 @@ from rosbags.typesys import Stores, get_typestore
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.recording.bag_files import read_tables
-from tactile_dynamics_ros.recording.bag_limits import FREE, LARGEST_BLOCK, check_limits
+from tactile_dynamics_ros.recording.bag_limits import (
+    FREE,
+    LARGEST_BLOCK,
+    MAGIC,
+    check_limits,
+    salvage_messages,
+)
 from tactile_dynamics_ros.recording.importers.bag_tables import topic_types
-from tactile_dynamics_ros.recording.salvage import MAGIC, salvage_messages
 
 DATA = b"\0\1\0\0" + bytes(8)
 

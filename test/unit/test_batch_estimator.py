@@ -28,7 +28,7 @@ from tactile_dynamics_ros.core.numerics.local_polynomial import Window, local_po
 from tactile_dynamics_ros.core.numerics.noise import white_noise_std
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import is_feasible
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
-from tactile_dynamics_ros.core.streams.cutting import cut_streams
+from tactile_dynamics_ros.core.streams.joining import cut_streams
 from tactile_dynamics_ros.core.streams.streams import ContactStream, PoseStream, Streams
 from tactile_dynamics_ros.synthetic.recordings import HiddenRecording, generate
 from tactile_dynamics_ros.synthetic.scenario import ScenarioOptions

@@ -13,10 +13,9 @@ from benchmarks.support.conventions import MISTAKES, OF_FINGERS, OF_IMU, mistake
 from benchmarks.support.tables import WristOptions, finger_table, wrist_table
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.conventions.balance import Evidence, thinned
-from tactile_dynamics_ros.core.inertia.conventions.catalogue import readings_of
 from tactile_dynamics_ros.core.inertia.conventions.finder import assumed
 from tactile_dynamics_ros.core.inertia.conventions.motions import Motions
-from tactile_dynamics_ros.core.inertia.conventions.ranking import Readings
+from tactile_dynamics_ros.core.inertia.conventions.ranking import Readings, readings_of
 from tactile_dynamics_ros.core.inertia.conventions.reading import CONVENTIONS
 
 ANGLE_FORMS = {"angle_unit": (0, 1, 2, 3)}

@@ -23,9 +23,11 @@ from tactile_dynamics_ros.core.planar.actions.information import (
     informations,
     updated,
 )
-from tactile_dynamics_ros.core.planar.control.guard import Guard, GuardConfig, Seen
 from tactile_dynamics_ros.core.planar.control.performance import (
+    Guard,
+    GuardConfig,
     Performance,
+    Seen,
     WayConfig,
     action_of,
 )

@@ -14,19 +14,19 @@ from tactile_dynamics_ros.core.inertia.diagnosis.misreading import question
 from tactile_dynamics_ros.core.inertia.live import IncrementalInertialEstimator
 from tactile_dynamics_ros.core.inertia.live.live_estimate import Level, judge_estimate
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
-from tactile_dynamics_ros.core.streams.cutting import cut_streams, pose_rows
+from tactile_dynamics_ros.core.streams.joining import cut_streams, pose_rows
 from tactile_dynamics_ros.core.streams.measurement_window import MeasurementWindow
-from tactile_dynamics_ros.core.streams.pose_jump import jumps
 from tactile_dynamics_ros.core.streams.pose_noise import (
     INDEFINITE,
     NOT_FINITE,
     TOO_SMALL,
+    jumps,
     read_covariances,
 )
 from tactile_dynamics_ros.core.streams.streams import ContactSample, Streams
 from tactile_dynamics_ros.recording.assembly import assemble_pose
 from tactile_dynamics_ros.recording.cleaning import ProblemLog, find_seams
-from tactile_dynamics_ros.recording.columns import PoseColumns
+from tactile_dynamics_ros.recording.topics import PoseColumns
 
 HONEST = np.diag([ROTATION_STD**2] * 3 + [POSITION_STD**2] * 3)
 ROWS, COLUMNS = (0, 1, 0, 0, 1, 2), (0, 1, 2, 1, 2, 2)

@@ -23,7 +23,7 @@ from benchmarks.field_cases import (
 )
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.conventions.finder import assumed
-from tactile_dynamics_ros.core.inertia.conventions.gravity import felt_gravity
+from tactile_dynamics_ros.core.inertia.conventions.poses import felt_gravity
 from tactile_dynamics_ros.core.inertia.conventions.ranking import Readings
 from tactile_dynamics_ros.recording.importers.csv_mapping import load_yaml, read_mapping
 from tactile_dynamics_ros.recording.importers.guess import Answers, guess_tables

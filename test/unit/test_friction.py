@@ -31,8 +31,7 @@ from tactile_dynamics_ros.core.friction.probe_config import (
 )
 from tactile_dynamics_ros.core.friction.slip_detection import SlipFusion, SlipObservation
 from tactile_dynamics_ros.core.friction.slip_log import find_slip
-from tactile_dynamics_ros.core.rigid_body.alignment import align_points
-from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
+from tactile_dynamics_ros.core.rigid_body.rotation import align_points, exp_so3
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.core.shape.friction_regions import ObjectSurface

@@ -26,8 +26,7 @@ from tactile_dynamics_ros.core.inertia.live.contact_queue import (
 from tactile_dynamics_ros.core.inertia.live.information import SquareRootInformation
 from tactile_dynamics_ros.core.inertia.live.live_estimate import describe
 from tactile_dynamics_ros.core.inertia.live.solver import DivergencePrior, SummarySolver
-from tactile_dynamics_ros.core.numerics.rolling_table import RollingTable
-from tactile_dynamics_ros.core.numerics.stream_whitening import StreamWhitener
+from tactile_dynamics_ros.core.numerics.stream_whitening import RollingTable, StreamWhitener
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     InertialParameters,
     affine_invariant_distance,

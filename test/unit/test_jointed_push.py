@@ -7,9 +7,12 @@ import pytest
 
 from benchmarks.explore.stage import Stage, planar
 from tactile_dynamics_ros.core.planar.control.controller import PushController
-from tactile_dynamics_ros.core.planar.control.guard import Seen
-from tactile_dynamics_ros.core.planar.control.joint_friction import PushRecord, rubbing
-from tactile_dynamics_ros.core.planar.control.joint_watch import JointWatch, body_of_two
+from tactile_dynamics_ros.core.planar.control.joint_watch import (
+    JointWatch,
+    PushRecord,
+    body_of_two,
+    rubbing,
+)
 from tactile_dynamics_ros.core.planar.control.jointed import (
     Hinge,
     JointedBody,
@@ -17,6 +20,7 @@ from tactile_dynamics_ros.core.planar.control.jointed import (
     Tips,
     hinged_motion,
 )
+from tactile_dynamics_ros.core.planar.control.performance import Seen
 from tactile_dynamics_ros.core.planar.control.plan import Bounds, PushPlanner
 from tactile_dynamics_ros.core.planar.control.prediction import PushedBody
 from tactile_dynamics_ros.core.planar.mechanics.limit_surface import pushed_twist

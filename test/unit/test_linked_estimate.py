@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 
 from tactile_dynamics_ros.core.planar.linked.description import remedies
-from tactile_dynamics_ros.core.planar.linked.outlines import meeting_points, room_to_turn
-from tactile_dynamics_ros.core.planar.linked.relative import RelativePoses
+from tactile_dynamics_ros.core.planar.linked.outlines import (
+    RelativePoses,
+    meeting_points,
+    room_to_turn,
+)
 from tactile_dynamics_ros.core.planar.linked.rows import PairPatch
 from tactile_dynamics_ros.core.planar.properties.estimate import estimate
 from tactile_dynamics_ros.core.planar.properties.linked_estimate import (

@@ -5,9 +5,9 @@ import errno
 import pytest
 from rosbags.rosbag2 import Reader
 
-from tactile_dynamics_ros.recording import live_writer
-from tactile_dynamics_ros.recording.live_writer import RESERVE, LiveWriter
-from tactile_dynamics_ros.recording.salvage import salvage_messages
+from tactile_dynamics_ros.recording import bag_writer as live_writer
+from tactile_dynamics_ros.recording.bag_limits import salvage_messages
+from tactile_dynamics_ros.recording.bag_writer import RESERVE, LiveWriter
 
 KIND = "std_msgs/msg/Float64"
 DATA = b"\0\1\0\0" + bytes(8)

@@ -7,7 +7,7 @@ from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.planar.diagnosis.discrepancy_model import PushDiscrepancy
 from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
 from tactile_dynamics_ros.core.planar.linked.chances import Chances
-from tactile_dynamics_ros.core.planar.linked.relative import RelativePoses
+from tactile_dynamics_ros.core.planar.linked.outlines import RelativePoses
 from tactile_dynamics_ros.core.planar.properties.estimate import estimate
 from tactile_dynamics_ros.core.planar.properties.linked_pair import Pair
 from tactile_dynamics_ros.core.planar.properties.linked_structure import infer_structure

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial import cKDTree
 
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.rigid_body.poses import rpy_to_matrix
+from tactile_dynamics_ros.core.rigid_body.rotation import rpy_to_matrix
 from tactile_dynamics_ros.core.shape.object_shape import (
     BoxSurface,
     CylinderSurface,

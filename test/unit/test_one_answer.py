@@ -24,7 +24,7 @@ from tactile_dynamics_ros.core.discrepancy.verdict.judgement import FAR, Judgeme
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.planar.diagnosis import one_part
 from tactile_dynamics_ros.core.planar.properties import fit as fitting
-from tactile_dynamics_ros.core.streams.cutting import cut_streams
+from tactile_dynamics_ros.core.streams.joining import cut_streams
 from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.recording.pushed import PushedRecording
 from tactile_dynamics_ros.synthetic import ScenarioOptions, generate, pushed

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
-from tactile_dynamics_ros.core.inertia.excitation.criterion import (
+from tactile_dynamics_ros.core.inertia.excitation.design import (
     InertiaCriterion,
     wrench_covariance,
     wrench_information,

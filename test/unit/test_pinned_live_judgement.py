@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_dynamics_ros.core.inertia.live.judge import Judge
 from tactile_dynamics_ros.core.inertia.live.live_estimate import RecentFit
+from tactile_dynamics_ros.core.inertia.live.pipeline import Judge
 
 HUBER, GATE = 1.9, 8.0
 

@@ -8,8 +8,7 @@ import pytest
 from benchmarks.peers.centring import CentringPusher
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.planar.control.controller import ControlConfig, PushController
-from tactile_dynamics_ros.core.planar.control.guard import Guard, GuardConfig, Seen
-from tactile_dynamics_ros.core.planar.control.performance import Clock
+from tactile_dynamics_ros.core.planar.control.performance import Clock, Guard, GuardConfig, Seen
 from tactile_dynamics_ros.core.planar.control.plan import Bounds, Push, PushPlanner
 from tactile_dynamics_ros.core.planar.control.prediction import PushedBody, pushed
 from tactile_dynamics_ros.core.planar.mechanics.linkage import Link, Linkage, turned

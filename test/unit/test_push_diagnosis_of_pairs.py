@@ -18,7 +18,7 @@ from tactile_dynamics_ros.core.planar.effects.acting import described
 from tactile_dynamics_ros.core.planar.effects.part import OF_ONE_PART, on_part
 from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
 from tactile_dynamics_ros.core.planar.linked.outlines import distance_outside
-from tactile_dynamics_ros.core.planar.linked.telling_push import TellingPush
+from tactile_dynamics_ros.core.planar.linked.pushes import TellingPush
 from tactile_dynamics_ros.core.planar.properties.estimate import estimate
 from tactile_dynamics_ros.core.planar.properties.linked_fit import (
     fit_jointed,

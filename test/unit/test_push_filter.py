@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.planar.filter import dual, learning
+from tactile_dynamics_ros.core.planar.filter import belief, dual
 from tactile_dynamics_ros.core.planar.filter.belief import (
     joined,
     root_of,
@@ -100,14 +100,14 @@ def test_weighted_moments_keep_the_spread_of_all_that_counts_alike():
 
 def test_a_measurement_beyond_what_hypotheses_can_say_is_left_out_in_part():
     spread = np.linspace(-1.0, 1.0, 60)
-    weights, kept = learning.tempered_weights(-0.5 * (spread / 1e-3) ** 2)
+    weights, kept = belief.tempered_weights(-0.5 * (spread / 1e-3) ** 2)
     assert 1.0 / np.sum(weights**2) == pytest.approx(30.0, rel=0.02)
     assert kept < 1e-3
-    assert learning.tempered_weights(-0.5 * spread**2)[1] == 1.0
+    assert belief.tempered_weights(-0.5 * spread**2)[1] == 1.0
 
 
 def test_both_steps_together_are_the_exact_update_of_a_linear_model(monkeypatch):
-    monkeypatch.setattr(learning, "_TRUST", 1.0)
+    monkeypatch.setattr(belief, "_TRUST", 1.0)
     process = Linear()
     found = linear_filter(process)
     mean, covariance = found.belief.mean.copy(), found.belief.covariance
@@ -240,10 +240,10 @@ def test_parameters_that_a_measurement_does_not_tell_stay_as_they_are():
     for _ in range(50):
         own = mean + unit_points(50, size, rng) @ root.T
         value = 0.1 * rng.normal(size=1)
-        given = learning.Evidence(own, own, own[:, :1], value, 0.01 * np.eye(1), [])
-        weighed = learning.learn_by_weights(given)[0][0] - own.mean(axis=0)
+        given = belief.Evidence(own, own, own[:, :1], value, 0.01 * np.eye(1), [])
+        weighed = belief.learn_by_weights(given)[0][0] - own.mean(axis=0)
         by_weights = max(by_weights, np.abs(weighed[1:]).max())
-        (mean, root), _ = learning.learn_by_trend(given)
+        (mean, root), _ = belief.learn_by_trend(given)
     assert by_weights > 0.02
     assert_allclose(mean[1:], 0.0, atol=1e-9)
     assert_allclose((root @ root.T)[1:, 1:], np.eye(size - 1), atol=1e-9)
@@ -330,8 +330,8 @@ def test_a_common_centre_tells_how_a_mass_is_shared_out_where_nothing_tells_the_
         own = mean + unit_points(50, 2, rng) @ root.T
         whole = np.logaddexp(own[:, :1], own[:, 1:])
         share = np.exp(own[:, 1:] - whole)
-        given = learning.Evidence(own, np.hstack([share, whole]), share, aim, 1e-3 * np.eye(1), [1])
-        (mean, root), _ = learning.learn_by_trend(given)
+        given = belief.Evidence(own, np.hstack([share, whole]), share, aim, 1e-3 * np.eye(1), [1])
+        (mean, root), _ = belief.learn_by_trend(given)
     covariance = root @ root.T
     across, along = np.array([-1.0, 1.0]), np.array([1.0, 1.0])
     assert across @ mean == pytest.approx(np.log(0.7 / 0.3), abs=0.15)
@@ -505,7 +505,7 @@ def test_a_touch_without_the_pusher_is_counted_and_teaches_nothing(recording):
 
 def test_the_printed_step_takes_the_belief_away():
     own = unit_points(50, 3, np.random.default_rng(1))
-    given = learning.Evidence(own, own, own[:, :1], np.zeros(1), 1e6 * np.eye(1), [])
+    given = belief.Evidence(own, own, own[:, :1], np.zeros(1), 1e6 * np.eye(1), [])
     for name, kept in (("weights", 1.0), ("printed", 0.98 * np.sqrt(1.0 - 0.98**2))):
-        (_, root), _ = learning.LEARNINGS[name](given)
+        (_, root), _ = belief.LEARNINGS[name](given)
         assert_allclose(root @ root.T, kept**2 * np.eye(3), atol=1e-5)

@@ -12,7 +12,7 @@ pytest.importorskip("viser")
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate
 from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, PushedStreams
-from tactile_dynamics_ros.core.rigid_body.poses import pose_of
+from tactile_dynamics_ros.core.rigid_body.rotation import pose_of
 from tactile_dynamics_ros.recording.pushed import PushedRecording
 from tactile_dynamics_ros.view import push_playback
 from tactile_dynamics_ros.view.page import LivePage

@@ -12,8 +12,8 @@ from tactile_dynamics_ros.core.planar.linked.pushes import (
     begun_motion,
     locked,
     possible_pushes,
+    telling_push,
 )
-from tactile_dynamics_ros.core.planar.linked.telling_push import telling_push
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.properties.linked_pair import Pair
 from tactile_dynamics_ros.synthetic import pushed

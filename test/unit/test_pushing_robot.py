@@ -5,8 +5,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from benchmarks.support.pushing_robot import PushOptions, simulate_pushes
-from tactile_dynamics_ros.core.planar.actions.straight import StraightConfig, straight_action
-from tactile_dynamics_ros.core.planar.actions.travel import Travel
+from tactile_dynamics_ros.core.planar.actions.straight import (
+    StraightConfig,
+    Travel,
+    straight_action,
+)
 from tactile_dynamics_ros.recording.pushed import PushedRecording, recorded_model
 from tactile_dynamics_ros.sim.planar.bed import GRAVITY, Surface, uneven_friction
 from tactile_dynamics_ros.sim.planar.pusher import Pusher, PusherConfig

@@ -25,11 +25,11 @@ from tactile_dynamics_ros.core.shape.object_shape import load_shape
 from tactile_dynamics_ros.core.tactile.calibration import ForceCalibration
 from tactile_dynamics_ros.core.tactile.network.weights import NetworkWeights
 from tactile_dynamics_ros.recording import Recording
-from tactile_dynamics_ros.recording.body_files import read_body, write_body
 from tactile_dynamics_ros.recording.clouds import read_clouds
 from tactile_dynamics_ros.recording.importers.csv_mapping import load_yaml
 from tactile_dynamics_ros.recording.importers.tables import read_table
 from tactile_dynamics_ros.recording.pushed.known_files import read_known
+from tactile_dynamics_ros.recording.yaml_files import read_body, write_body
 
 LAUGHS = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"{new}: &{new} [{', '.join([f'*{old}'] * 9)}]\n"
@@ -145,8 +145,10 @@ def test_a_missing_array_is_said_in_one_line(tmp_path):
 
 
 def test_a_pipe_is_not_written_over(tmp_path, monkeypatch):
-    from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
-    from tactile_dynamics_ros.core.rigid_body.known_body import KnownBody
+    from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
+        InertialParameters,
+        KnownBody,
+    )
 
     os.mkfifo(tmp_path / "pipe.yaml")
     body = InertialParameters(0.3, np.zeros(3), np.diag([3e-3, 2.5e-3, 1e-3]))

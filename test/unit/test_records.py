@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.records import read_records, write_records
+from tactile_dynamics_ros.core.files import read_records, write_records
 
 
 @dataclass(frozen=True)

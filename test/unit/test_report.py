@@ -14,7 +14,7 @@ from synthetic_recording import COM, INERTIA_COM, MASS, held_box
 from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.batch.batch import fit_recording
-from tactile_dynamics_ros.core.inertia.diagnosis.wrench_residuals import CHANNELS, UNITS
+from tactile_dynamics_ros.core.inertia.diagnosis.term_library import CHANNELS, UNITS
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.report.discrepancy_report import (

@@ -10,7 +10,7 @@ import numpy as np
 from tactile_dynamics_ros.core.effects.check import example_inertia, example_samples
 from tactile_dynamics_ros.core.effects.registry import create_effect
 from tactile_dynamics_ros.core.inertia.diagnosis.separating_motion import Rival, SeparationCriterion
-from tactile_dynamics_ros.core.inertia.excitation.grip import Grip
+from tactile_dynamics_ros.core.inertia.excitation.limits import Grip
 from tactile_dynamics_ros.core.inertia.excitation.trajectory import FourierOffsets, HeldPose
 
 FORCE_STD = 0.03

@@ -9,10 +9,10 @@ from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.planar.actions.straight import (
     Leg,
     StraightConfig,
+    Travel,
     freeing,
     straight_action,
 )
-from tactile_dynamics_ros.core.planar.actions.travel import Travel
 
 NOW = np.array([0.3, -0.2, 0.3, 0.4])
 START, END = np.array([0.45, 0.0]), np.array([0.55, 0.05])

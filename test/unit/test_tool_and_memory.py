@@ -21,10 +21,10 @@ from tactile_dynamics_ros.core.inertia.batch.knowledge import (
 )
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     InertialParameters,
+    KnownBody,
     is_feasible,
 )
-from tactile_dynamics_ros.core.rigid_body.known_body import KnownBody
-from tactile_dynamics_ros.recording.body_files import read_body, write_body
+from tactile_dynamics_ros.recording.yaml_files import read_body, write_body
 
 TOOL = InertialParameters(0.9, np.array([0.0, 0.004, 0.05]), np.diag([3e-3, 2.5e-3, 1e-3]))
 LOAD = InertialParameters(0.4, np.array([0.01, -0.006, 0.14]), np.diag([4e-4, 6e-4, 5e-4]))

@@ -12,7 +12,7 @@ from tactile_dynamics_ros.core.effects.check import example_inertia, example_sam
 from tactile_dynamics_ros.core.effects.filters import evenly_filled, first_order_lag
 from tactile_dynamics_ros.core.effects.registry import create_effect
 from tactile_dynamics_ros.core.numerics.local_polynomial import Window, local_polynomial
-from tactile_dynamics_ros.core.numerics.outliers import expected_noise
+from tactile_dynamics_ros.core.numerics.noise import expected_noise
 
 PERIOD = 0.01
 WAVES = 2.0 * np.pi * np.array([0.7, 1.3])

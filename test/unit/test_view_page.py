@@ -17,7 +17,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from tactile_dynamics_ros.cli.view import served
-from tactile_dynamics_ros.core.rigid_body.poses import pose_of
+from tactile_dynamics_ros.core.rigid_body.rotation import pose_of
 from tactile_dynamics_ros.share import share_file
 from tactile_dynamics_ros.view.page import METRES_PER_NEWTON, LivePage
 from tactile_dynamics_ros.view.playback import Playback

@@ -22,8 +22,7 @@ from tactile_dynamics_ros.core.inertia.batch.wrist import (
     told_apart,
 )
 from tactile_dynamics_ros.core.inertia.estimate import estimate
-from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
-from tactile_dynamics_ros.core.rigid_body.known_body import KnownBody
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters, KnownBody
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.streams.streams import PoseStream
 from tactile_dynamics_ros.recording import Recording

@@ -25,8 +25,12 @@ from tactile_dynamics_ros.core.discrepancy.simpler import on_fewer_sensors, with
 from tactile_dynamics_ros.core.discrepancy.trials import Choice, Trial, contains
 from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import Assessment, assess
 from tactile_dynamics_ros.core.discrepancy.verdict.judgement import Judgement, judge
-from tactile_dynamics_ros.core.discrepancy.verdict.materiality import NEAR_FLOOR, Trace, find_idle
-from tactile_dynamics_ros.core.discrepancy.verdict.partial import explain_most
+from tactile_dynamics_ros.core.discrepancy.verdict.materiality import (
+    NEAR_FLOOR,
+    Trace,
+    explain_most,
+    find_idle,
+)
 from tactile_dynamics_ros.core.discrepancy.verdict.validation import HeldOut, fits_equally, held_out
 from tactile_dynamics_ros.core.progress import tell
 

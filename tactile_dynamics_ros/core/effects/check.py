@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W, WrenchSamples
 from tactile_dynamics_ros.core.contract import CheckReport, central_differences
 from tactile_dynamics_ros.core.effects.effect import Effect
-from tactile_dynamics_ros.core.effects.units import parse_unit
+from tactile_dynamics_ros.core.effects.parameter import parse_unit
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     dynamic_parameters_from_pseudo_inertia,
     pseudo_inertia,

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.rigid_body.alignment import align_points
-from tactile_dynamics_ros.core.rigid_body.rotation import log_so3, skew
+from tactile_dynamics_ros.core.rigid_body.rotation import align_points, log_so3, skew
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.robot.robot import LEAST_HOLDING, Robot, column
 

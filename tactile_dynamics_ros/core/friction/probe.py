@@ -20,15 +20,14 @@ from tactile_dynamics_ros.core.friction.probe_config import (
 )
 from tactile_dynamics_ros.core.friction.slip_detection import SlipFusion, SlipObservation, SlipState
 from tactile_dynamics_ros.core.friction.slip_log import Attempt, SlipLog
-from tactile_dynamics_ros.core.rigid_body.alignment import align_points
+from tactile_dynamics_ros.core.rigid_body.rotation import align_points
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.shape.friction_regions import ObjectSurface, SurfacePlace
 
 Array = NDArray[np.float64]
 
 _RAMPS = (ProbePhase.LOAD, ProbePhase.UNLOAD, ProbePhase.DRAG)
-"""Phases in which a slip is waited for: the force changes in them as asked. An alarm in any other
-phase is ignored."""
+"""Phases in which a slip is waited for, as the force changes; an alarm in any other is ignored."""
 _FORCE_FLOOR = 0.2
 """Normal force, N, at which unloading ends without a slip: the least force that fingertips are
 tested at. Lower, contact may be lost; higher, slips of rough surfaces do not come."""

@@ -1,11 +1,22 @@
-"""Least squares on a handful of parameters: Levenberg-Marquardt, and rows rotated to few."""
+"""Least squares on a handful of parameters; regressors with independent noise.
+
+A motion x read from noisy poses shares their noise with the residuals r around it; regressing r on
+Y(x) would shrink the parameters (errors in variables). The part of x that is predictable from r,
+Cov(x, r) C^-1 r = y^T nu with y = L^-1 Cov(r, x) and white nu = L^-1 r, is removed; what is left is
+independent of every residual near by, as in the Gauss-Helmert solution of the batch estimator.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import lapack
+
+from tactile_dynamics_ros.core.numerics.banded import BLOCK
+from tactile_dynamics_ros.core.numerics.stream_whitening import sliding_rows
 
 Array = NDArray[np.float64]
 
@@ -69,3 +80,78 @@ def rotated(rows: Array) -> Array:
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
     return np.asarray(np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T * scale)
+
+
+Record = TypeVar("Record")
+
+
+class Decorrelator(Generic[Record]):
+    """Last rows of residual noise, Cholesky factor and white residual around a delayed centre."""
+
+    def __init__(self, short: int, long: int) -> None:
+        """Start without memory.
+
+        Args:
+            short: half width in samples of the residual's pose windows.
+            long: half width in samples of the windows that x is read from.
+        """
+        self.lag = short + long
+        self._rows = 2 * self.lag + 1
+        self._width = (2 * short + 1) * BLOCK
+        self._padding = 2 * short
+        self._noise = np.zeros((self._rows, BLOCK, self._width))
+        self._white = np.zeros((self._rows, BLOCK, 2))
+        self._band = np.zeros((self._width, self._rows * BLOCK), order="F")
+        self._band[0] = 1.0
+        self._records: list[Record | None] = [None] * self._rows
+        row, column = np.mgrid[:BLOCK, : self._width]
+        offset = self._width - BLOCK + row - column
+        self._kept = offset >= 0
+        self._offset = offset[self._kept]
+        self._column = self._band.shape[1] - self._width + column[self._kept]
+
+    @property
+    def centre(self) -> Record | None:
+        """What was stored with the centre row; None for a row without residual."""
+        return self._records[self.lag]
+
+    def push(self, noise: Array, factor_row: Array, white: Array, record: Record | None) -> None:
+        """Add the newest row.
+
+        Args:
+            noise: (6, width) response to the poses of its window.
+            factor_row: (6, width) block row of L, diagonal block last.
+            white: (6, 2) white residual, and that of a draw of the noise alone.
+            record: handed back by `centre` when the row is the centre.
+        """
+        self._noise[:-1], self._white[:-1] = self._noise[1:].copy(), self._white[1:].copy()
+        self._noise[-1], self._white[-1] = noise, white
+        self._band[:, :-BLOCK] = self._band[:, BLOCK:].copy()
+        self._band[:, -BLOCK:] = 0.0
+        self._band[self._offset, self._column] = factor_row[self._kept]
+        self._records = [*self._records[1:], record]
+
+    def skip(self) -> None:
+        """Add a row without residual."""
+        row = np.zeros((BLOCK, self._width))
+        row[:, -BLOCK:] = np.eye(BLOCK)
+        self.push(np.zeros_like(row), row, np.zeros((BLOCK, 2)), None)
+
+    def correction(self, response: Array) -> Array:
+        """Corrections of m readings x at the centre, -Cov(x, r) C^-1 r, for r and for the draw.
+
+        Args:
+            response: (2 long + 1, 6, m) response of x to one deviation of each pose around the
+                centre.
+
+        Returns:
+            (2, m).
+        """
+        readings = response.shape[2]
+        padded = np.zeros((len(response) + 2 * self._padding, BLOCK, readings))
+        padded[self._padding : self._padding + len(response)] = response
+        size = self._width // BLOCK
+        flat = sliding_rows(padded, size).reshape(self._rows, self._width, readings)
+        covariance = (self._noise @ flat).reshape(-1, readings)
+        solved, _ = lapack.dtbtrs(self._band, covariance, uplo="L")
+        return np.asarray(-(self._white.reshape(-1, 2).T @ solved))

@@ -1,11 +1,13 @@
-"""White-noise level of a sampled signal, read from the signal itself."""
+"""Noise of sampled signals and residuals: its level, spikes, values that repeat."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter, uniform_filter
 
 from tactile_dynamics_ros.core.rigid_body.rotation import accumulated_rotation
 from tactile_dynamics_ros.core.streams.streams import (
@@ -132,3 +134,138 @@ def white_pose_noise_std(time: Array, rotation: Array, position: Array) -> tuple
         position: (N, 3) m.
     """
     return white_noise_std(time, accumulated_rotation(rotation)), white_noise_std(time, position)
+
+
+_SPIKE = 7.0
+"""Largest of six white numbers of a sample from which it may be a spike: noise exceeds 7 in 1.5
+samples of 10^11. Lower takes noise of long recordings out; of what lies below a Huber weight (live)
+or the diagnosis takes care."""
+_NEIGHBOURHOOD = 9
+"""Samples over whose median a spike must stand out threefold: 90 ms at 100 Hz. What lasts longer
+than half of it is misfit, and left to the diagnosis. Fewer samples let two spikes in a row hide
+each other, more let a misfit of a tenth of a second pass for spikes."""
+_FRAME = 128
+"""Samples of a frame whose spectrum tells noise from misfit: 1.28 s at 100 Hz, lines of 0.8 Hz.
+Shorter frames do not resolve the motion (0.5 to 2 Hz) from noise, longer ones blur when a misfit
+begins."""
+_MISFIT = 1.7
+"""Power of white numbers, averaged over six channels and nine neighbouring cells of the spectrum,
+from which a cell holds more than noise: white noise exceeds 1.7 in 1.3 cells of a thousand. At 1.35
+it would be 3 %, and that much noise of clean recordings would count as misfit."""
+
+
+def isolated_outlier_variance(white_residual: Array, residual: Array) -> Array:
+    """Extra residual variance for samples that stick out of their neighbourhood.
+
+    A sample is a spike if its largest whitened component exceeds 7 and three times the median of
+    the nine samples around it: a persisting misfit is left to the diagnosis.
+
+    Args:
+        white_residual: (6 N,).
+        residual: (N, 6).
+
+    Returns:
+        (N,) variance to add, zero for ordinary samples.
+    """
+    size = np.abs(white_residual.reshape(-1, 6)).max(axis=1)
+    typical = median_filter(size, _NEIGHBOURHOOD, mode="nearest")
+    spike = (size > _SPIKE) & (size > 3.0 * typical)
+    return np.asarray(np.where(spike, 10.0 * np.sum(residual**2, axis=1), 0.0))
+
+
+def expected_noise(white_residual: Array) -> Array:
+    """Noise that is expected in a white residual, given its spectrum around each time.
+
+    Where something that the model lacks adds variance s^2 to white unit noise, the expected noise
+    is r / (1 + s^2). The power of frames of 128 samples estimates 1 + s^2 by frequency: what a
+    model lacks follows the motion, which is slower than most of the noise.
+
+    Args:
+        white_residual: (6 N,).
+
+    Returns:
+        (6 N,) of no more power than the residual.
+
+    Source: Wiener 1949.
+    """
+    rows = white_residual.reshape(-1, 6)
+    half = min(_FRAME // 2, len(rows) // 2)
+    window = np.sin(np.pi * np.arange(2 * half) / (2 * half)) ** 2
+    spectra = np.fft.rfft(_frames(rows, half) * window[:, None], axis=1)
+    power = np.mean(np.abs(spectra) ** 2, axis=2) / np.sum(window**2)
+    power = uniform_filter(power, 3, mode="nearest")
+    share = np.where(power > _MISFIT, 1.0 / np.maximum(power, 1.0), 1.0)
+    dual = window / (window**2 + np.roll(window, half) ** 2)
+    noise = np.fft.irfft(spectra * share[..., None], 2 * half, axis=1) * dual[:, None]
+    return _overlapped(noise, len(rows)).reshape(-1)
+
+
+def _frames(rows: Array, half: int) -> Array:
+    """Frames (F, 2 half, 6) of rows (N, 6), each half a frame after the last; zeros beyond."""
+    count = -(-(len(rows) - 1) // half)
+    padded = np.zeros(((count + 2) * half, rows.shape[1]))
+    padded[half : half + len(rows)] = rows
+    halves = padded.reshape(count + 2, half, -1)
+    return np.concatenate([halves[:-1], halves[1:]], axis=1)
+
+
+def _overlapped(frames: Array, count: int) -> Array:
+    """Sum (count, 6) of overlapping frames, where the rows of `_frames` were."""
+    half = frames.shape[1] // 2
+    total = np.zeros((len(frames) + 1, half, frames.shape[2]))
+    total[:-1] += frames[:, :half]
+    total[1:] += frames[:, half:]
+    return total.reshape(-1, frames.shape[2])[half : half + count]
+
+
+Mask = NDArray[np.bool_]
+
+STUCK = 10
+"""Equal forces in a row, all three axes to the last bit, that are no chance: a sensor whose noise
+is a fifth of its step still repeats itself so often once in ten million rows. Fewer call coarse
+sensors stuck, more believe a stuck one for longer (10 are 0.1 s at 100 Hz)."""
+_ROUNDING = 1e-9
+"""Relative change of a force that is rounding: what a sensor repeats is turned into the world by
+rotations of 16 digits. Larger than 1e-6 would call quiet sensors stuck."""
+FROZEN = 8
+"""Equal poses in a row that are no chance: a camera of 15 Hz that is published at 100 Hz repeats
+each pose seven times. Fewer would refuse such a camera, more believe a tracker that hangs for
+longer."""
+
+
+def repeated_forces(in_world: Array, in_sensor: Array, lost: Mask) -> Mask:
+    """Whether forces (N - 1, C) are those of the row before, in the world or in the sensor.
+
+    Args:
+        in_world: (N, C, 3) N.
+        in_sensor: (N, C, 3) N, the same in the axes of each sensor.
+        lost: (N,) whether a row has no reading that could repeat one.
+    """
+    found = np.zeros((max(len(in_world) - 1, 0), in_world.shape[1]), dtype=bool)
+    for force in (in_world, in_sensor):
+        change = np.abs(np.diff(force, axis=0)).max(axis=2)
+        found |= change <= _ROUNDING * np.abs(force[1:]).max(axis=2)
+    loaded = np.any(in_world[1:] != 0.0, axis=2)
+    return np.asarray(found & loaded & ~lost[1:, None])
+
+
+def repeated_poses(position: Array, rotation: Array) -> Mask:
+    """Whether poses (N - 1,) are those of the row before; (N, 3) m and (N, 3, 3)."""
+    same = np.all(position[1:] == position[:-1], axis=1)
+    return np.asarray(same & np.all(rotation[1:] == rotation[:-1], axis=(1, 2)))
+
+
+def in_runs(same: Mask, least: int) -> Mask:
+    """Whether each of N + 1 rows is part of a run of at least `least` equal rows.
+
+    Args:
+        same: (N, C) whether a row equals the one before it.
+        least: rows.
+    """
+    runs = np.zeros((len(same) + 1, same.shape[1]), dtype=bool)
+    if len(same) < least - 1:
+        return runs
+    whole = np.all(sliding_window_view(same, least - 1, axis=0), axis=2)
+    for shift in range(least):
+        runs[shift : shift + len(whole)] |= whole
+    return runs

@@ -1,4 +1,4 @@
-"""Mass, centre of mass and inertia of a rigid body in the field's usual coordinates.
+"""Mass, centre of mass and inertia of a rigid body, estimated or known beforehand.
 
 phi = [m, m c_x, m c_y, m c_z, I_xx, I_xy, I_yy, I_xz, I_yz, I_zz] about the frame origin;
 pseudo-inertia P = [[S, m c], [m c^T, m]] with S = tr(I)/2 1 - I, positive definite exactly for the
@@ -8,8 +8,9 @@ Source: Wensing, Kim, Slotine 2018; Rucker, Wensing 2022; paper A, Eq. 17.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -249,3 +250,37 @@ def com_inertia_jacobian(dynamic_parameters: Array) -> Array:
         jacobian[4:, 1 + axis] = -inertia_vector(change) / mass
     jacobian[4:, 4:] = np.eye(6)
     return jacobian
+
+
+@dataclass(frozen=True)
+class KnownBody:
+    """Dynamic parameters with their covariance, in the body frame of the recordings.
+
+    Attributes:
+        phi: (10,) dynamic parameters.
+        covariance: (10, 10) of phi; zero where it is not known.
+        name: where it comes from.
+        undetermined: parameters that nothing has told yet.
+        effects: effects that were found with it: name to parameters with value, std and unit.
+        recordings: number of recordings that it comes from.
+        lasting: (10, 10) part of the covariance that lasting errors of the sensors make; None where
+            it is not known by itself.
+    """
+
+    phi: Array
+    covariance: Array
+    name: str
+    undetermined: tuple[str, ...] = ()
+    effects: dict[str, Any] = field(default_factory=dict)
+    recordings: int = 0
+    lasting: Array | None = None
+
+    @classmethod
+    def exact(cls, body: InertialParameters, name: str) -> KnownBody:
+        """A body whose uncertainty is not stated."""
+        return cls(body.dynamic_parameters, np.zeros((10, 10)), name)
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether no uncertainty is stated."""
+        return not self.covariance.any()

@@ -1,8 +1,10 @@
-"""Rotations: exponential and logarithm of SO(3), quaternions; vectorised over leading axes."""
+"""Rotations: exponential and logarithm of SO(3), quaternions; poses; alignment."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -236,3 +238,44 @@ def are_rotations(matrices: Array) -> NDArray[np.bool_]:
     """Which of (N, 3, 3) have R^T R = I, to two digits; mirrored ones have it too."""
     defect = np.abs(np.einsum("nji,njk->nik", matrices, matrices) - np.eye(3)).max(axis=(1, 2))
     return np.asarray(defect < _DEFECT)  # NaN is none
+
+
+def align_points(points: Array, reference: Array) -> tuple[Array, Array]:
+    """Return R (3, 3) and t (3,) that bring points onto a reference, min sum |R p_k + t - q_k|^2.
+
+    Args:
+        points: (K, 3), at least three.
+        reference: (K, 3).
+
+    Source: Kabsch 1976.
+    """
+    centre, goal = points.mean(axis=0), reference.mean(axis=0)
+    turn = nearest_rotation((reference - goal).T @ (points - centre))
+    return np.asarray(turn), np.asarray(goal - turn @ centre)
+
+
+def rpy_to_matrix(rpy: Sequence[float] | Array) -> Array:
+    """R = R_z(yaw) R_y(pitch) R_x(roll) of fixed-axis angles (3,) in rad."""
+    (sr, sp, sy), (cr, cp, cy) = np.sin(rpy), np.cos(rpy)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def pose_of(xyz: Sequence[float] | Array, rpy: Sequence[float] | Array) -> Array:
+    """Pose (4, 4) of a position (3,) in m and fixed-axis angles (3,) in rad, as in a URDF."""
+    pose = np.eye(4)
+    pose[:3, :3] = rpy_to_matrix(rpy)
+    pose[:3, 3] = xyz
+    return pose
+
+
+def described_pose(values: Mapping[str, Any]) -> Array:
+    """Pose (4, 4) of a description: ``centre`` in m and ``rpy_deg``, each zero where absent."""
+    centre = np.asarray(values.get("centre", (0.0, 0.0, 0.0)), dtype=float)
+    angles = np.asarray(values.get("rpy_deg", (0.0, 0.0, 0.0)), dtype=float)
+    return pose_of(centre, np.deg2rad(angles))

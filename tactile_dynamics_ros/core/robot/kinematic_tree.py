@@ -14,8 +14,7 @@ from urdf_parser_py import urdf as parser
 from urdf_parser_py.xml_reflection import core as reflection
 
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.rigid_body.poses import pose_of
-from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
+from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, pose_of
 from tactile_dynamics_ros.core.robot.robot import Following, Joint
 
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.reading import read_text, read_yaml
-from tactile_dynamics_ros.core.rigid_body.poses import rpy_to_matrix
+from tactile_dynamics_ros.core.rigid_body.rotation import rpy_to_matrix
 from tactile_dynamics_ros.core.robot.kinematic_tree import chain, coupling, read_tree, refuse_shared
 from tactile_dynamics_ros.core.robot.robot import Finger, Fingertips, GraspHabit, Joint, Robot
 from tactile_dynamics_ros.share import find_package_file, share_file

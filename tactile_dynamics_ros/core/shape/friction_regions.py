@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.reading import read_mesh
-from tactile_dynamics_ros.core.rigid_body.poses import described_pose
+from tactile_dynamics_ros.core.rigid_body.rotation import described_pose
 
 Array = NDArray[np.float64]
 

@@ -15,8 +15,7 @@ from scipy.spatial import cKDTree
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.reading import read_mesh, read_yaml, require_file
-from tactile_dynamics_ros.core.rigid_body.poses import described_pose, rpy_to_matrix
-from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
+from tactile_dynamics_ros.core.rigid_body.rotation import described_pose, exp_so3, rpy_to_matrix
 
 Array = NDArray[np.float64]
 Triangles: TypeAlias = Any

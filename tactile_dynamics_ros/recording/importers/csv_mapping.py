@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.reading import read_yaml
-from tactile_dynamics_ros.recording.importers.bag_frames import TF, read_frame
-from tactile_dynamics_ros.recording.importers.bag_tables import is_bag, read_topic
+from tactile_dynamics_ros.recording.importers.bag_tables import TF, is_bag, read_frame, read_topic
 from tactile_dynamics_ros.recording.importers.fields import (
     constant_rotation,
     named_columns,

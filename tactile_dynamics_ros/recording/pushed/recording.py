@@ -26,13 +26,12 @@ from tactile_dynamics_ros.recording.bag_files import (
 )
 from tactile_dynamics_ros.recording.cdr import MessageTable
 from tactile_dynamics_ros.recording.cleaning import ProblemLog, ranked_lines
-from tactile_dynamics_ros.recording.columns import PoseColumns, WrenchColumns
 from tactile_dynamics_ros.recording.frames import Frames
 from tactile_dynamics_ros.recording.namespaces import RecordedNames
-from tactile_dynamics_ros.recording.pushed import names
-from tactile_dynamics_ros.recording.pushed.arrays import pushes_from_arrays
-from tactile_dynamics_ros.recording.pushed.on_support import Support, anticlockwise
+from tactile_dynamics_ros.recording.pushed import writer as names
+from tactile_dynamics_ros.recording.pushed.arrays import Support, anticlockwise, pushes_from_arrays
 from tactile_dynamics_ros.recording.pushed.writer import write_pushed
+from tactile_dynamics_ros.recording.topics import PoseColumns, WrenchColumns
 
 Array = NDArray[np.float64]
 

@@ -14,8 +14,12 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.planar.network.noise import CROP, depth_crop
 from tactile_dynamics_ros.core.planar.network.noise_features import Looked
-from tactile_dynamics_ros.core.rigid_body.poses import pose_of
-from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3, matrix_to_quaternion
+from tactile_dynamics_ros.core.rigid_body.rotation import (
+    exp_so3,
+    log_so3,
+    matrix_to_quaternion,
+    pose_of,
+)
 from tactile_dynamics_ros.core.shape.object_shape import MeshSurface, ObjectShape
 from tactile_dynamics_ros.core.tracking.depth_image import PinholeCamera
 from tactile_dynamics_ros.core.tracking.links.link_tracker import Link

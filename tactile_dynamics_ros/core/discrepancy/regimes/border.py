@@ -1,19 +1,23 @@
-"""Borders of a regime, sample by sample, and how well they are known."""
+"""Borders of a regime, sample by sample: searched, refined, and those of an event."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
     Condition,
     Family,
     ResidualModel,
 )
+from tactile_dynamics_ros.core.discrepancy.regimes.search import RegimeSearch
 from tactile_dynamics_ros.core.discrepancy.regimes.sums import CellSums
+from tactile_dynamics_ros.core.discrepancy.screening import screen
+from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.numerics.regime import Gate
 
 Array = NDArray[np.float64]
@@ -199,3 +203,82 @@ def round_to(value: float, std: float) -> float:
     if not math.isfinite(value) or not std > 0.0:
         return value
     return round(value, -math.floor(math.log10(_DIGITS * std)))
+
+
+def place_event(model: ResidualModel, name: str, floor: float) -> tuple[str, float | None]:
+    """Name of an event with the time at which it fits best, and the standard deviation of that, s.
+
+    Args:
+        model: fitted, without it.
+        name: of the event, without a time.
+        floor: white RMS of the noise alone.
+
+    Raises:
+        BadInputError: these contacts cannot show it, or the recording is too short.
+    """
+    search = RegimeSearch.of(model, floor, [name])
+    found = search.candidates() if search is not None else []
+    if search is None or not found:
+        raise BadInputError(
+            f"effect '{name}': no time can be found at which it happens in this recording; say it, "
+            f"{name}[t>SECONDS], or leave it out"
+        )
+    best = found[0]
+    condition = next(c for c in model.conditions() if c.symbol == best.gate.symbol)
+    border = find_border(search.sums, best.family, condition, best.gate, floor)
+    if border is None:
+        return f"{name}[{best.gate}]", None
+    refined = refine_border(model, name, best.family.label, border)
+    return f"{name}[{refined.gate}]", refined.std
+
+
+_REACH = 2.0
+"""Standard deviations about a border within which it is looked for: white residuals that remember
+move it by about one. Farther costs steps, nearer cuts the best."""
+_STEPS = 7
+"""Fits for each border: golden sections then leave a seventh of a standard deviation. More are
+finer than a border is known."""
+
+
+def refine_border(model: ResidualModel, name: str, label: str, border: Border) -> Border:
+    """Move the ends of a gate to where the effect behind it explains most.
+
+    White residuals near a border depend on what acted before: only columns that are made white
+    behind the gate are exact there.
+
+    Args:
+        model: fitted, without the effect.
+        name: of the effect, without regime.
+        label: of the reading that acts, without regime.
+        border: found sample by sample.
+    """
+    gate = border.gate
+    for upper in (False, True):
+        at = gate.high if upper else gate.low
+        if math.isinf(at):
+            continue
+
+        def loss(value: float, upper: bool = upper, gate: Gate = gate) -> float:
+            return -_gain(model, name, label, _moved(gate, value, upper))
+
+        reach = _REACH * border.std
+        found = minimize_scalar(
+            loss,
+            bounds=(at - reach, at + reach),
+            method="bounded",
+            options={"maxiter": _STEPS, "xatol": 1e-3 * reach},
+        )
+        if found.fun < loss(at):
+            gate = _moved(gate, round_to(float(found.x), border.std), upper)
+    return replace(border, gate=gate)
+
+
+def _moved(gate: Gate, value: float, upper: bool) -> Gate:
+    return replace(gate, high=value) if upper else replace(gate, low=value)
+
+
+def _gain(model: ResidualModel, name: str, label: str, gate: Gate) -> float:
+    """Fall of the squared residual with a reading of an effect behind a gate."""
+    wanted = label.replace(name, f"{name}[{gate}]", 1)
+    families = [f for f in model.families([f"{name}[{gate}]"]) if f.label == wanted]
+    return max((score.gain for score in screen(model, families)), default=0.0)

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtr
 
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import ResidualModel
-from tactile_dynamics_ros.core.discrepancy.regimes.gates import Gates, gates_to_try
-from tactile_dynamics_ros.core.discrepancy.regimes.sums import CellSums
+from tactile_dynamics_ros.core.discrepancy.regimes.sums import CellSums, Gates, gates_to_try
 from tactile_dynamics_ros.core.discrepancy.screening import FEIGNED
 from tactile_dynamics_ros.core.discrepancy.structure import window_index
 from tactile_dynamics_ros.core.numerics.regime import Gate

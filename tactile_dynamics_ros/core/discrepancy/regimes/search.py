@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Family, ResidualModel
-from tactile_dynamics_ros.core.discrepancy.regimes.gates import Gates, gates_to_try
-from tactile_dynamics_ros.core.discrepancy.regimes.sums import CellSums
+from tactile_dynamics_ros.core.discrepancy.regimes.sums import CellSums, Gates, gates_to_try
 from tactile_dynamics_ros.core.discrepancy.structure import window_index
 from tactile_dynamics_ros.core.numerics.regime import Gate
 

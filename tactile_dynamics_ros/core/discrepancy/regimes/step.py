@@ -8,8 +8,11 @@ from dataclasses import replace
 
 from tactile_dynamics_ros.core.discrepancy.challenges import is_outdone_by_law
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Condition, ResidualModel
-from tactile_dynamics_ros.core.discrepancy.regimes.border import find_border, find_border_of
-from tactile_dynamics_ros.core.discrepancy.regimes.refinement import refine_border
+from tactile_dynamics_ros.core.discrepancy.regimes.border import (
+    find_border,
+    find_border_of,
+    refine_border,
+)
 from tactile_dynamics_ros.core.discrepancy.regimes.search import Candidate, RegimeSearch
 from tactile_dynamics_ros.core.discrepancy.screening import Score, screen
 from tactile_dynamics_ros.core.discrepancy.search import (

@@ -12,7 +12,7 @@ from typing import Any
 
 import sympy
 
-from tactile_dynamics_ros.core.effects.units import DIMENSIONLESS, Dimension, format_dimension
+from tactile_dynamics_ros.core.effects.parameter import DIMENSIONLESS, Dimension, format_dimension
 from tactile_dynamics_ros.core.errors import BadInputError
 
 _PLAIN: dict[str, Any] = {

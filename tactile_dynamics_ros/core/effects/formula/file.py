@@ -26,7 +26,11 @@ from tactile_dynamics_ros.core.effects.formula.quantities import (
     unknown_name,
 )
 from tactile_dynamics_ros.core.effects.geometry import AXES, vector_parameters
-from tactile_dynamics_ros.core.effects.parameter import EffectParameter
+from tactile_dynamics_ros.core.effects.parameter import (
+    EffectParameter,
+    format_dimension,
+    parse_unit,
+)
 from tactile_dynamics_ros.core.effects.registry import (
     EFFECT_NAMES,
     create_effect,
@@ -34,7 +38,6 @@ from tactile_dynamics_ros.core.effects.registry import (
     register_effect,
     registered_names,
 )
-from tactile_dynamics_ros.core.effects.units import format_dimension, parse_unit
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.reading import read_yaml, require_file
 

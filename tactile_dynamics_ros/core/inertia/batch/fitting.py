@@ -20,7 +20,7 @@ from tactile_dynamics_ros.core.inertia.batch.systems import FactoredSystem, Full
 from tactile_dynamics_ros.core.inertia.batch.uncertainty import HOLD, SCATTER, unexcited_directions
 from tactile_dynamics_ros.core.inertia.residuals.newton_euler_residual import WrenchProblem
 from tactile_dynamics_ros.core.numerics.least_squares import levenberg_marquardt
-from tactile_dynamics_ros.core.numerics.outliers import isolated_outlier_variance
+from tactile_dynamics_ros.core.numerics.noise import isolated_outlier_variance
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     dynamic_parameters_from_log_cholesky,
     log_cholesky,

@@ -17,6 +17,7 @@ from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import (
 )
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     InertialParameters,
+    KnownBody,
     com_inertia_jacobian,
     dynamic_parameters_from_log_cholesky,
     inertia_vector,
@@ -24,7 +25,6 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     log_cholesky_jacobian,
     pseudo_inertia,
 )
-from tactile_dynamics_ros.core.rigid_body.known_body import KnownBody
 
 Array = NDArray[np.float64]
 Estimate = TypeVar("Estimate", bound=InertialEstimate)

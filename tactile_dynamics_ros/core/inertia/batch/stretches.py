@@ -14,7 +14,7 @@ from tactile_dynamics_ros.core.inertia.batch.batch import BatchConfig, fit_probl
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel, Survey
 from tactile_dynamics_ros.core.inertia.residuals.contact_grid import choose_grid
 from tactile_dynamics_ros.core.inertia.residuals.newton_euler_residual import WrenchProblem
-from tactile_dynamics_ros.core.streams.cutting import cut_streams
+from tactile_dynamics_ros.core.streams.joining import cut_streams
 from tactile_dynamics_ros.core.streams.streams import Streams
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""Readings of a recording in the order in which they obey Newton and Euler."""
+"""All readings of a recording, in the order in which they obey Newton and Euler."""
 
 from __future__ import annotations
 
@@ -14,10 +14,18 @@ from tactile_dynamics_ros.core.inertia.conventions.balance import (
     Evidence,
     thinned,
 )
-from tactile_dynamics_ros.core.inertia.conventions.catalogue import readings_of
+from tactile_dynamics_ros.core.inertia.conventions.imus import imu_readings
 from tactile_dynamics_ros.core.inertia.conventions.motions import Motions, followed_width
+from tactile_dynamics_ros.core.inertia.conventions.poses import pose_readings
 from tactile_dynamics_ros.core.inertia.conventions.reading import Reading
+from tactile_dynamics_ros.core.inertia.conventions.wrenches import wrench_readings
 from tactile_dynamics_ros.core.streams.streams import Streams
+
+
+def readings_of(streams: Streams) -> list[Reading]:
+    """Every other way in which a recording may have been meant; the commonest of equals first."""
+    return [*wrench_readings(streams), *pose_readings(streams), *imu_readings(streams)]
+
 
 BESIDE = 1.0
 """Logarithm of what is left, behind the best, up to which readings are ranked: a factor of 2.7 that

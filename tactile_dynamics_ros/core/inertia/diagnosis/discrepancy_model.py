@@ -42,9 +42,8 @@ from tactile_dynamics_ros.core.inertia.diagnosis.quick_fit import (
 )
 from tactile_dynamics_ros.core.inertia.diagnosis.separating_motion import plan_separation
 from tactile_dynamics_ros.core.inertia.diagnosis.tare import describe_zero, was_tared
-from tactile_dynamics_ros.core.inertia.diagnosis.term_library import wrench_terms
+from tactile_dynamics_ros.core.inertia.diagnosis.term_library import wrench_residuals, wrench_terms
 from tactile_dynamics_ros.core.inertia.diagnosis.twins import imitators
-from tactile_dynamics_ros.core.inertia.diagnosis.wrench_residuals import wrench_residuals
 from tactile_dynamics_ros.core.inertia.residuals.systematic import PresumedErrors
 from tactile_dynamics_ros.core.numerics.least_squares import levenberg_marquardt
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import log_cholesky_jacobian

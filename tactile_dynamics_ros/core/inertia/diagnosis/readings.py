@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from tactile_dynamics_ros.core.discrepancy.regimes.event import place_event
+from tactile_dynamics_ros.core.discrepancy.regimes.border import place_event
 from tactile_dynamics_ros.core.discrepancy.screening import screen
 from tactile_dynamics_ros.core.discrepancy.simpler import on_fewer_sensors
 from tactile_dynamics_ros.core.discrepancy.trials import try_effect

@@ -14,14 +14,13 @@ from tactile_dynamics_ros.core.effects.effect import Effect
 from tactile_dynamics_ros.core.effects.held.gravity import load_regressor
 from tactile_dynamics_ros.core.effects.present import PresentEffects
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
-from tactile_dynamics_ros.core.inertia.excitation.criterion import wrench_covariance
 from tactile_dynamics_ros.core.inertia.excitation.design import (
     DesignConfig,
     DesignedMotion,
     design_motion,
+    wrench_covariance,
 )
-from tactile_dynamics_ros.core.inertia.excitation.grip import Grip
-from tactile_dynamics_ros.core.inertia.excitation.limits import MotionLimits
+from tactile_dynamics_ros.core.inertia.excitation.limits import Grip, MotionLimits
 from tactile_dynamics_ros.core.inertia.excitation.plan import RECORDED_HZ
 from tactile_dynamics_ros.core.inertia.excitation.trajectory import FourierOffsets, HeldPose
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3

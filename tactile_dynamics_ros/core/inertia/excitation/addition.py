@@ -15,7 +15,7 @@ from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import (
     InertialEstimate,
 )
 from tactile_dynamics_ros.core.inertia.excitation.continuation import Continuation
-from tactile_dynamics_ros.core.inertia.excitation.criterion import wrench_information
+from tactile_dynamics_ros.core.inertia.excitation.design import wrench_information
 from tactile_dynamics_ros.core.inertia.excitation.trajectory import CHANNELS, FourierOffsets
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     com_inertia_jacobian,

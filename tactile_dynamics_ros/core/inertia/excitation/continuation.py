@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.inertia.batch.batch import BatchConfig, read_stretches
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
-from tactile_dynamics_ros.core.inertia.excitation.grip import Grip
+from tactile_dynamics_ros.core.inertia.excitation.limits import Grip
 from tactile_dynamics_ros.core.inertia.excitation.trajectory import FourierOffsets, HeldPose
 from tactile_dynamics_ros.core.inertia.residuals.sampled_signals import SampledSignals
 from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor

@@ -23,9 +23,8 @@ from tactile_dynamics_ros.core.inertia.live.information import (
     SquareRootInformation,
     positive_part,
 )
-from tactile_dynamics_ros.core.inertia.live.judge import Judge
 from tactile_dynamics_ros.core.inertia.live.live_estimate import RecentFit
-from tactile_dynamics_ros.core.inertia.live.pipeline import WhiteningPipeline, WhiteRows
+from tactile_dynamics_ros.core.inertia.live.pipeline import Judge, WhiteningPipeline, WhiteRows
 from tactile_dynamics_ros.core.inertia.live.residuals import denoise_motion
 from tactile_dynamics_ros.core.inertia.live.sample_stream import Layout, SampleStream
 from tactile_dynamics_ros.core.inertia.live.solver import DivergencePrior, SummarySolver

@@ -17,16 +17,16 @@ from tactile_dynamics_ros.core.inertia.live.contact_queue import (
 )
 from tactile_dynamics_ros.core.inertia.live.residuals import ContactRows, PoseWindows
 from tactile_dynamics_ros.core.inertia.residuals.contact_grid import UNMEASURED_TORQUE_STD
-from tactile_dynamics_ros.core.inertia.residuals.sensor_noise import PoseScatter, SensorNoise
-from tactile_dynamics_ros.core.numerics.repeats import (
+from tactile_dynamics_ros.core.inertia.residuals.stated_noise import PoseScatter, SensorNoise
+from tactile_dynamics_ros.core.numerics.noise import (
     FROZEN,
     STUCK,
     in_runs,
     repeated_forces,
     repeated_poses,
 )
-from tactile_dynamics_ros.core.numerics.rolling_table import RollingTable, sliding_rows
-from tactile_dynamics_ros.core.streams.pose_jump import ASSUMED_STD, jumps
+from tactile_dynamics_ros.core.numerics.stream_whitening import RollingTable, sliding_rows
+from tactile_dynamics_ros.core.streams.pose_noise import ASSUMED_STD, jumps
 
 Array = NDArray[np.float64]
 

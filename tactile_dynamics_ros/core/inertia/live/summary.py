@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import ModelError
 from tactile_dynamics_ros.core.inertia.batch.uncertainty import undetermined_parameters
 from tactile_dynamics_ros.core.inertia.live.accumulation import Accumulation
-from tactile_dynamics_ros.core.inertia.live.judge import misfit_factor
 from tactile_dynamics_ros.core.inertia.live.live_estimate import LiveEstimate
+from tactile_dynamics_ros.core.inertia.live.pipeline import misfit_factor
 from tactile_dynamics_ros.core.inertia.residuals.systematic import PresumedErrors
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.shape.hull import CentreHull, keep_in_hull

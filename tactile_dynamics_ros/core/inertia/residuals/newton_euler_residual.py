@@ -24,7 +24,6 @@ from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W, WrenchSamples
 from tactile_dynamics_ros.core.effects.present import PresentEffects
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.inertia.residuals.balanced_forces import balance_contacts
 from tactile_dynamics_ros.core.inertia.residuals.carried import carried_places
 from tactile_dynamics_ros.core.inertia.residuals.contact_grid import (
     ContactSignals,
@@ -33,7 +32,10 @@ from tactile_dynamics_ros.core.inertia.residuals.contact_grid import (
 )
 from tactile_dynamics_ros.core.inertia.residuals.latent import LatentSignal, Sensitivity
 from tactile_dynamics_ros.core.inertia.residuals.motion import motion_period, motion_signals
-from tactile_dynamics_ros.core.inertia.residuals.sampled_signals import SampledSignals
+from tactile_dynamics_ros.core.inertia.residuals.sampled_signals import (
+    SampledSignals,
+    balance_contacts,
+)
 from tactile_dynamics_ros.core.inertia.residuals.sensitivity import (
     contact_sensitivity,
     force_sensitivity_of_effects,
@@ -41,7 +43,7 @@ from tactile_dynamics_ros.core.inertia.residuals.sensitivity import (
 )
 from tactile_dynamics_ros.core.numerics.banded import VARIANCE_FLOOR, BandedWhitener
 from tactile_dynamics_ros.core.numerics.local_polynomial import Window
-from tactile_dynamics_ros.core.numerics.outliers import expected_noise
+from tactile_dynamics_ros.core.numerics.noise import expected_noise
 from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor
 from tactile_dynamics_ros.core.streams.streams import Streams, nearest_samples
 
@@ -51,16 +53,13 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _UNREAD_VARIANCE = 1e6
-"""Variance that removes samples whose time-shifted motion is not recorded, N^2 and (N m)^2: 1 kN.
-Any number far above those of loads has the same effect."""
+"""Variance that removes samples whose time-shifted motion is not recorded: (1 kN)^2, (1 kN m)^2."""
 _READ_NEAR = 0.75
-"""Distance from a sample, in periods, up to which time-shifted motion counts as recorded: half of a
-step of one and a half periods. At 1 the motion a period before a recording counts as recorded;
-below 0.5 motion between two samples does not."""
+"""Distance from a sample, in periods, up to which time-shifted motion counts as recorded: at 1 the
+motion before a recording does; below 0.5 that between two samples does not."""
 _MINIMUM_SAMPLES = 10
-"""Samples with motion and contact that a recording needs: sixty equations for ten unknowns. Fewer
-are refused with a message, since their noise could not be read either. More would refuse short
-recordings that tell a mass."""
+"""Samples with motion and contact that a recording needs: sixty equations for ten unknowns. More
+would refuse short recordings that show a mass; of fewer the noise could not be read either."""
 _SMOOTHING_PERIODS = 5.5
 """Half width of the regressors' windows in periods of the poses, at least: eleven poses for the
 seven coefficients of their polynomials. It widens windows of poses below 34 Hz; less would hardly
@@ -289,18 +288,17 @@ class WrenchProblem:
         wanted = self.samples.time - late * self._period
         then = nearest_samples(self.samples.time, wanted)
         unread = np.abs(wanted - self.samples.time[then]) > _READ_NEAR * self._period
-        names, found, factors = [], [], []
+        names, found = [], []
         for name, signal, sensitivity in self._signals(moved):
             if name in by_force:
                 sensitivity = sensitivity + by_force[name]
             rows = now if name.startswith(("force:", "torque:")) else then
             names.append(name)
             found.append(Sensitivity(signal, sensitivity[rows], places[rows]))
-            factors.append(signal.noise_factor)
         extra = np.where(unread, _UNREAD_VARIANCE, self.extra_variance[self.valid] + VARIANCE_FLOOR)
         matrices = [one.matrix() for one in found]
         whitener = BandedWhitener.from_sensitivities(matrices, np.repeat(extra, 6))
-        return Linearisation(tuple(names), tuple(found), tuple(factors), whitener)
+        return Linearisation(tuple(names), tuple(found), whitener)
 
     def denoised(self, corrections: dict[str, Array]) -> WrenchProblem:
         """Return the problem whose regressors see the measured signals moved by corrections."""
@@ -349,14 +347,17 @@ class Linearisation:
     Attributes:
         names: of the latent signals.
         sensitivities: A = (de/dx) S per signal.
-        factors: noise factors S per signal.
         whitener: Cholesky factor L of C = sum A A^T.
     """
 
     names: tuple[str, ...]
     sensitivities: tuple[Sensitivity, ...]
-    factors: tuple[Array, ...]
     whitener: BandedWhitener
+
+    @property
+    def factors(self) -> tuple[Array, ...]:
+        """Noise factors S per signal."""
+        return tuple(moves.signal.noise_factor for moves in self.sensitivities)
 
     def whiten(self, values: Array) -> Array:
         """L^-1 of (N, 6) or (N, 6, m) values, as (6 N,) or (6 N, m)."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.planar.actions.travel import Travel
+from tactile_dynamics_ros.core.planar.actions.straight import Travel
 
 Array = NDArray[np.float64]
 

@@ -18,8 +18,14 @@ from tactile_dynamics_ros.core.planar.actions.straight import (
     way_back,
     way_there,
 )
-from tactile_dynamics_ros.core.planar.control.guard import Guard, GuardConfig, Seen, miss
-from tactile_dynamics_ros.core.planar.control.performance import Clock, WayConfig
+from tactile_dynamics_ros.core.planar.control.performance import (
+    Clock,
+    Guard,
+    GuardConfig,
+    Seen,
+    WayConfig,
+    miss,
+)
 from tactile_dynamics_ros.core.planar.control.plan import Push
 from tactile_dynamics_ros.core.planar.control.prediction import Pushable
 

@@ -21,11 +21,11 @@ from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
 from tactile_dynamics_ros.core.discrepancy.screening import orthonormal
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
-from tactile_dynamics_ros.core.planar.diagnosis.conditions import (
+from tactile_dynamics_ros.core.planar.diagnosis.fitted import FRICTION_SPREAD, FittedPushes
+from tactile_dynamics_ros.core.planar.diagnosis.innovations import (
     push_conditions,
     push_residuals,
 )
-from tactile_dynamics_ros.core.planar.diagnosis.fitted import FRICTION_SPREAD, FittedPushes
 from tactile_dynamics_ros.core.planar.diagnosis.linearisation import Linearisation
 from tactile_dynamics_ros.core.planar.diagnosis.one_part import OnePart
 from tactile_dynamics_ros.core.planar.diagnosis.separating_push import (

@@ -21,13 +21,13 @@ from tactile_dynamics_ros.core.planar.diagnosis.separating_push import (
 )
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
 from tactile_dynamics_ros.core.planar.linked.pushes import (
+    TIP_FRICTION,
     BegunMotion,
     KnownPair,
     PairPushes,
     begun_motion,
     possible_pushes,
 )
-from tactile_dynamics_ros.core.planar.linked.telling_push import TIP_FRICTION
 from tactile_dynamics_ros.core.planar.mechanics.linkage import in_frame, placed, turned
 from tactile_dynamics_ros.core.planar.properties.intervals import Intervals
 

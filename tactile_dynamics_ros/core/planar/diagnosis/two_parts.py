@@ -35,8 +35,7 @@ from tactile_dynamics_ros.core.planar.properties.linked_fit import (
     with_expected_force,
 )
 from tactile_dynamics_ros.core.planar.properties.linked_model import PairModel
-from tactile_dynamics_ros.core.planar.properties.linked_motion import Motion, PairData
-from tactile_dynamics_ros.core.planar.properties.linked_pair import Pair
+from tactile_dynamics_ros.core.planar.properties.linked_pair import Motion, Pair, PairData
 from tactile_dynamics_ros.core.planar.properties.linked_rigid import RigidModel
 from tactile_dynamics_ros.core.planar.properties.push_model import Sharpness
 from tactile_dynamics_ros.core.planar.streams import PushedStreams

@@ -11,13 +11,14 @@ from scipy.linalg import block_diag
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.planar.filter.belief import (
+    LEARNINGS,
     Belief,
+    Evidence,
     joined,
     kalman_step,
     root_of,
     unit_points,
 )
-from tactile_dynamics_ros.core.planar.filter.learning import LEARNINGS, Evidence
 from tactile_dynamics_ros.core.planar.filter.observation import Observation
 from tactile_dynamics_ros.core.planar.filter.process import (
     LINK_PARAMETERS,
@@ -48,8 +49,7 @@ FADING, _FADES = ("ln_tip_friction",), 0.5
 differ from touch to touch, and a wrong one makes every push slide."""
 _RESTING = (2e-5, 2e-5, 2e-4)
 """Standard deviation that a step adds to the pose of an object that stands, m and rad: with poses
-of 0.5 mm it is then known to 0.1 mm. A tenth would keep the error with which a push ended for
-seconds."""
+of 0.5 mm it is then known to 0.1 mm. A tenth would keep the error of the last push for seconds."""
 _STANDING = (1e-3, 1e-3, 1e-2)
 """Standard deviation of the rates of an object that nothing touches and that has stopped, m/s and
 rad/s; it is taken to stand still."""

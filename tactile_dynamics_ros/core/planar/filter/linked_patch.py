@@ -25,7 +25,7 @@ from tactile_dynamics_ros.core.planar.mechanics.linkage import (
     shifted_twist,
     turned,
 )
-from tactile_dynamics_ros.core.planar.mechanics.pair_patch import PairPatch
+from tactile_dynamics_ros.core.planar.mechanics.support import PairPatch
 
 Array = NDArray[np.float64]
 

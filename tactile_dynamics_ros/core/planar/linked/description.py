@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.planar.linked.telling_push import TellingPush
+from tactile_dynamics_ros.core.planar.linked.pushes import TellingPush
 
 Array = NDArray[np.float64]
 Value = tuple[float, float]

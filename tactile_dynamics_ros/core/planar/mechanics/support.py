@@ -1,4 +1,4 @@
-"""Coulomb friction of a footprint under a pressure that balances the tipping moments.
+"""Coulomb friction of footprints, of one part or two, under a balancing pressure.
 
 Planar twists and wrenches are (x, y, rotation) and (force x, force y, torque), batch axis first.
 """
@@ -207,3 +207,24 @@ def tipping_shift(
     """
     moment = (contact_height - height)[:, None] * contact - height[:, None] * support
     return np.asarray(moment / weight[:, None])
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PairPatch(SupportPatch):
+    """Points of two footprints that one plane presses on the support.
+
+    Attributes:
+        points: (n, 2) m, frame of the first part. shares: (n,) of the area.
+    """
+
+    points: Array
+    shares: Array
+
+    @cached_property
+    def _points(self) -> tuple[Array, Array]:
+        return self.points, self.shares
+
+    @cached_property
+    def centroid(self) -> Array:
+        """(2,) m, of both."""
+        return np.asarray(self.shares @ self.points)

@@ -19,8 +19,7 @@ from tactile_dynamics_ros.core.planar.linked.rows import PairPatch
 from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
 from tactile_dynamics_ros.core.planar.properties.linked_jointed import JointedModel
 from tactile_dynamics_ros.core.planar.properties.linked_model import PairModel
-from tactile_dynamics_ros.core.planar.properties.linked_motion import Motion, PairData
-from tactile_dynamics_ros.core.planar.properties.linked_pair import Pair
+from tactile_dynamics_ros.core.planar.properties.linked_pair import Motion, Pair, PairData
 from tactile_dynamics_ros.core.planar.properties.linked_rigid import RigidModel
 from tactile_dynamics_ros.core.planar.properties.optimum import (
     AROUND,

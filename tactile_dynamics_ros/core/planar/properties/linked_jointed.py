@@ -34,7 +34,7 @@ from tactile_dynamics_ros.core.planar.properties.linked_model import (
     Given,
     PairModel,
 )
-from tactile_dynamics_ros.core.planar.properties.linked_motion import Motion
+from tactile_dynamics_ros.core.planar.properties.linked_pair import Motion
 from tactile_dynamics_ros.core.planar.properties.linked_structure import Hinge
 
 Array = NDArray[np.float64]

@@ -24,7 +24,7 @@ from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.properties.balance import measured_situation
 from tactile_dynamics_ros.core.planar.properties.intervals import Intervals
-from tactile_dynamics_ros.core.planar.properties.linked_motion import (
+from tactile_dynamics_ros.core.planar.properties.linked_pair import (
     STEPS,
     Motion,
     PairData,

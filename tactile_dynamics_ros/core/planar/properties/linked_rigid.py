@@ -33,7 +33,7 @@ from tactile_dynamics_ros.core.planar.properties.linked_model import (
     Given,
     PairModel,
 )
-from tactile_dynamics_ros.core.planar.properties.linked_motion import Motion
+from tactile_dynamics_ros.core.planar.properties.linked_pair import Motion
 
 Array = NDArray[np.float64]
 

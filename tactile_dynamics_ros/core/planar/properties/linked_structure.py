@@ -12,7 +12,7 @@ from scipy.special import logsumexp
 
 from tactile_dynamics_ros.core.numerics.bordered import NormalEquations, minimise
 from tactile_dynamics_ros.core.planar.linked.chances import Chances
-from tactile_dynamics_ros.core.planar.linked.relative import RelativePoses
+from tactile_dynamics_ros.core.planar.linked.outlines import RelativePoses
 from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
 
 Array = NDArray[np.float64]

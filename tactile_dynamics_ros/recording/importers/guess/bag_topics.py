@@ -10,6 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from tactile_dynamics_ros.recording.importers.bag_reader import (
+    POSE_COLUMNS,
+    TWIST_COLUMNS,
+    WRENCH_COLUMNS,
+    columns_of,
+)
 from tactile_dynamics_ros.recording.importers.bag_tables import first_messages, read_topic
 from tactile_dynamics_ros.recording.importers.guess.answers import Answers
 from tactile_dynamics_ros.recording.importers.guess.groups import (
@@ -18,16 +24,10 @@ from tactile_dynamics_ros.recording.importers.guess.groups import (
     Group,
     Groups,
     find_groups,
+    read_name,
 )
-from tactile_dynamics_ros.recording.importers.guess.names import read_name
 from tactile_dynamics_ros.recording.importers.guess.sources import Source
 from tactile_dynamics_ros.recording.importers.guess.times import find_time
-from tactile_dynamics_ros.recording.importers.message_columns import (
-    POSE_COLUMNS,
-    TWIST_COLUMNS,
-    WRENCH_COLUMNS,
-    columns_of,
-)
 from tactile_dynamics_ros.recording.importers.tables import Table
 
 _FORCE_WORDS = WRENCH | {"atift", "ati", "sensor", "wrenches", "loadcell", "forcetorque"}

@@ -11,17 +11,17 @@ import numpy as np
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.recording.frames import BASES
-from tactile_dynamics_ros.recording.importers.bag_frames import (
+from tactile_dynamics_ros.recording.importers.bag_tables import (
     TF,
     frame_chain,
     has_frames,
     read_frame,
     read_frames,
+    topic_types,
 )
-from tactile_dynamics_ros.recording.importers.bag_tables import topic_types
 from tactile_dynamics_ros.recording.importers.guess.answers import Answers, Question
-from tactile_dynamics_ros.recording.importers.guess.bag_links import Arm
-from tactile_dynamics_ros.recording.importers.guess.bag_mounts import (
+from tactile_dynamics_ros.recording.importers.guess.bag_links import (
+    Arm,
     Mount,
     fitting_mount,
     mounts_of,

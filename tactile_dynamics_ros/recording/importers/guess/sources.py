@@ -12,8 +12,12 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3
 from tactile_dynamics_ros.recording.importers.fields import UNITS
 from tactile_dynamics_ros.recording.importers.guess.answers import Answers, Question
-from tactile_dynamics_ros.recording.importers.guess.groups import Group, Groups, find_groups
-from tactile_dynamics_ros.recording.importers.guess.names import read_names
+from tactile_dynamics_ros.recording.importers.guess.groups import (
+    Group,
+    Groups,
+    find_groups,
+    read_names,
+)
 from tactile_dynamics_ros.recording.importers.guess.orientations import is_by_rows
 from tactile_dynamics_ros.recording.importers.guess.times import TimeColumn, find_time
 from tactile_dynamics_ros.recording.importers.guess.unnamed import groups_of_numbers

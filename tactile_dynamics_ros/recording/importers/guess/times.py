@@ -14,7 +14,7 @@ from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.recording.importers.clock import is_time_of_day
 from tactile_dynamics_ros.recording.importers.fields import UNITS, read_field
 from tactile_dynamics_ros.recording.importers.guess.answers import Answers, Question
-from tactile_dynamics_ros.recording.importers.guess.names import ColumnName
+from tactile_dynamics_ros.recording.importers.guess.groups import ColumnName
 from tactile_dynamics_ros.recording.importers.tables import Table
 
 Array = NDArray[np.float64]

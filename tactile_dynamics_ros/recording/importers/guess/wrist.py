@@ -14,8 +14,8 @@ from tactile_dynamics_ros.recording.importers.fields import UNITS
 from tactile_dynamics_ros.recording.importers.guess.accelerations import read_acceleration
 from tactile_dynamics_ros.recording.importers.guess.answers import Answers, Question
 from tactile_dynamics_ros.recording.importers.guess.changes import find_change
+from tactile_dynamics_ros.recording.importers.guess.geometry import Mounting, scale_of
 from tactile_dynamics_ros.recording.importers.guess.groups import Group
-from tactile_dynamics_ros.recording.importers.guess.mounting import Mounting, scale_of
 from tactile_dynamics_ros.recording.importers.guess.orientations import (
     Judged,
     Reading,
