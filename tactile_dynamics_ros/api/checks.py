@@ -151,11 +151,13 @@ class Check(Readiness):
 def check_recording(recording: Recording, goal: float = GOAL) -> Check:
     """Check a recording of a held object; see `Check`."""
     from tactile_dynamics_ros.core.inertia.estimate import estimate
-    from tactile_dynamics_ros.recording.rates import stream_rates
+    from tactile_dynamics_ros.recording.rates import rests_between_gaps, stream_rates
 
     found = Estimate(recording, estimate(recording))
     rates = tuple(stream_rates(recording.streams))
-    faults = lost_faults(rates) + _clock_faults(found)
+    pose = recording.streams.pose
+    lost = [] if pose is not None and rests_between_gaps(pose) else lost_faults(rates)
+    faults = lost + _clock_faults(found)
     remarks = found.recording.problem_lines()
     if found.question.misfit:
         (faults if found.question.is_far else remarks).append(_misfit(found))

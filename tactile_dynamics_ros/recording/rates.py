@@ -7,13 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.streams.streams import Streams
+from tactile_dynamics_ros.core.rigid_body.rotation import log_so3, nearest_rotation
+from tactile_dynamics_ros.core.streams.streams import PoseStream, Streams
 
 Array = NDArray[np.float64]
 
 _GAP_PERIODS = 2.5
 """Step between samples, in median periods, from which there is a gap: a lost sample makes 2, jitter
 included 2.5. Lower counts jitter, higher overlooks two lost samples."""
+_STEADY = 5.0
+"""Standard deviations by which halves of a hold may differ in their mean: once in a million by
+chance, where a motion of 1 mm or 0.1 deg in a second is twenty. At 3 one hold in a hundred moves."""
 
 
 @dataclass(frozen=True)
@@ -65,3 +69,28 @@ def stream_rates(streams: Streams) -> list[StreamRate]:
         if stream is not None:
             times[name] = stream.time
     return [StreamRate.of(name, time) for name, time in times.items()]
+
+
+def rests_between_gaps(pose: PoseStream) -> bool:
+    """Whether an object moves in gaps only, as in tables of static poses: nothing is lost in them.
+
+    Args:
+        pose: of the object.
+    """
+    steps = np.diff(pose.time)
+    ends = np.flatnonzero(steps > _GAP_PERIODS * np.median(steps)) + 1
+    pieces = np.split(np.arange(len(pose.time)), ends)
+    return len(ends) > 0 and all(_rests(pose, piece) for piece in pieces)
+
+
+def _rests(pose: PoseStream, piece: NDArray[np.int64]) -> bool:
+    """Whether the halves of a piece have the same mean pose, to what its scatter explains."""
+    mean = nearest_rotation(pose.rotation[piece].mean(axis=0))
+    turned = log_so3(mean.T @ pose.rotation[piece])
+    place = np.concatenate([turned, pose.position[piece]], axis=1)
+    half = len(piece) // 2
+    if half == 0:
+        return True
+    moved = place[half:].mean(axis=0) - place[:half].mean(axis=0)
+    scatter = np.std(place, axis=0) * np.sqrt(1.0 / half + 1.0 / (len(piece) - half))
+    return bool(np.all(np.abs(moved) <= _STEADY * scatter + 1e-12))

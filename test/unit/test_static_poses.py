@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from benchmarks.golden.recordings import RECORDINGS
 from benchmarks.support.live_replay import replay_streams
 from benchmarks.support.static_poses import StaticLoad, hold_poses, weigh_poses
 from tactile_dynamics_ros.cli.main import main
@@ -24,6 +25,7 @@ from tactile_dynamics_ros.core.numerics.local_polynomial import (
 )
 from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.recording.importers.csv_mapping import load_yaml, read_mapping
+from tactile_dynamics_ros.recording.rates import rests_between_gaps
 
 INERTIAS = list(PARAMETER_NAMES[4:])
 
@@ -250,3 +252,19 @@ def test_the_measured_payload_of_an_arm_agrees_with_its_documents(tmp_path, caps
     read = [-bias[f"wrist_b_{axis}"]["value"] for axis in "xyz"]
     np.testing.assert_allclose(read, [9.077, -1.018, 9.985], atol=0.05)
     assert found["undetermined"] == INERTIAS
+
+
+def test_pauses_between_poses_at_rest_are_no_loss_and_gaps_of_a_motion_are():
+    poses = RECORDINGS["static"]().streams.pose
+    assert rests_between_gaps(poses)
+    moving = RECORDINGS["wrist_clean"]().streams.pose
+    kept = np.ones(len(moving.time), dtype=bool)
+    kept[100:150] = False
+    gapped = replace(
+        moving,
+        time=moving.time[kept],
+        position=moving.position[kept],
+        rotation=moving.rotation[kept],
+        covariance=None,
+    )
+    assert not rests_between_gaps(gapped) and not rests_between_gaps(moving)

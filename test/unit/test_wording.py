@@ -87,7 +87,7 @@ def written_texts():
 def test_one_sign_stands_for_an_interval():
     """Classes of characters in regular expressions are no intervals."""
     of_ascii = {name for name, text in written_texts() if re.search(r"(?<!\[)\+-", text)}
-    assert of_ascii == {"encoding.py"}, "write ±; only what terminals cannot print is replaced"
+    assert of_ascii == {"progress.py"}, "write ±; only what terminals cannot print is replaced"
 
 
 def test_every_component_of_a_vector_has_its_interval():

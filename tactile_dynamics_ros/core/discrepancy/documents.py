@@ -240,7 +240,7 @@ def _effect_sentence(
 def _convention_sentence(diagnosis: Diagnosis, convention: Convention) -> str:
     before, after = diagnosis.before.rms, convention.error_after
     text = (
-        f"The recording means something else than it says ({convention.name}): "
+        f"The recording seems to use another convention ({convention.name}): "
         f"{convention.change}. The error "
     )
     unlike = ""

@@ -88,7 +88,7 @@ class _Fitted:
 
 
 def find_convention(streams: Streams, recorded: float, fit: Fit) -> Convention | None:
-    """Find out whether a recording means something else than it says.
+    """Find out whether a recording uses another convention than it says.
 
     Args:
         streams: as recorded.

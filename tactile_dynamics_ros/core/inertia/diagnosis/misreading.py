@@ -1,4 +1,4 @@
-"""A recording as a model that can be asked whether the recording means something else."""
+"""A recording as a model that can be asked whether it uses another convention."""
 
 from __future__ import annotations
 
