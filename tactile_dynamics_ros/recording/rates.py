@@ -17,7 +17,7 @@ _GAP_PERIODS = 2.5
 included 2.5. Lower counts jitter, higher overlooks two lost samples."""
 _STEADY = 5.0
 """Standard deviations by which halves of a hold may differ in their mean: once in a million by
-chance, where a motion of 1 mm or 0.1 deg in a second is twenty. At 3 one hold in a hundred moves."""
+chance, where a motion of 1 mm or 0.1 deg a second is twenty. At 3 one hold in a hundred moves."""
 
 
 @dataclass(frozen=True)
