@@ -33,7 +33,7 @@ PACKAGE = "tactile_dynamics_ros"
 COLCON = Path(sys.executable).with_name("colcon")
 VIEW = {f"{PACKAGE}.view.{name}" for name in ("gate", "page", "robot")}
 """What draws the live page, which only the extra view brings a library for."""
-TRAINING = {f"{PACKAGE}.core.tactile.network.{name}" for name in ("muon", "training")} | {
+TRAINING = {f"{PACKAGE}.core.tactile.network.training"} | {
     f"{PACKAGE}.core.planar.network.{name}" for name in ("training", "noise_training")
 }
 """Modules that need torch, which the extra [train] brings."""
