@@ -270,7 +270,7 @@ class Explanation(Discrepancy):
             return []
         starred = any(cell.endswith(" *") for row in rows for cell in row)
         return [
-            *filter(None, [sentence_of(rows)]),
+            *filter(None, [sentence_of(rows), self.known[-1].remark]),
             *align_rows(rows).splitlines(),
             *[_STARRED] * starred,
         ]
@@ -302,7 +302,7 @@ class Explanation(Discrepancy):
         if not rows:
             return []
         told = f"Values ± one standard deviation, as `estimate` gives them. {_STARRED}."
-        sentences = [*filter(None, [sentence_of(rows)]), told]
+        sentences = [*filter(None, [sentence_of(rows), self.known[-1].remark]), told]
         return [Section("What the object is", sentences, (), rows[0], rows[1:])]
 
 
@@ -313,11 +313,12 @@ def _properties(
     if answer.in_turn:
         return (), []
     models = [answer.first.model, *([answer.model] if answer.effects else [])]
+    groups = {step.name: step.group for step in answer.steps}
     known: list[Properties] = []
     for model in models:
         tell("estimating the object" + " with the effects" * len(known))
         try:
-            known.append(properties_of(question, model, answer.conventions))
+            known.append(properties_of(question, model, answer.conventions, groups))
         except TactileDynamicsError as error:
             return tuple(known), [f"what the object is cannot be estimated: {error}"]
     return tuple(known), []

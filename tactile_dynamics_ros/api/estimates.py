@@ -43,6 +43,7 @@ class Estimate(ReportedResult):
         prior: the same object, from earlier recordings.
         wrist: what a wrist sensor tells of it beside the fingertips.
         uncorrected: `fit_with_readings` of a body alone, if there is one already.
+        rivals: with effects that the recording cannot tell from those of the model.
     """
 
     recording: Recording
@@ -51,6 +52,7 @@ class Estimate(ReportedResult):
     prior: KnownBody | None = None
     wrist: WristShare | None = None
     uncorrected: FittedModel | None = None
+    rivals: tuple[InertialEstimate, ...] = ()
 
     @cached_property
     def question(self) -> Question:
@@ -76,9 +78,14 @@ class Estimate(ReportedResult):
 
     @cached_property
     def _with_wrist(self) -> tuple[InertialEstimate, MemoryComparison | None]:
-        from tactile_dynamics_ros.core.inertia.batch.knowledge import with_memory, without_tool
+        from tactile_dynamics_ros.core.inertia.batch.knowledge import (
+            beside_rivals,
+            with_memory,
+            without_tool,
+        )
 
-        both = replace(self.model.to_estimate(), error=ModelError(**self.question.error()))
+        chosen = replace(self.model.to_estimate(), error=ModelError(**self.question.error()))
+        both = beside_rivals(chosen, self.rivals)
         own = both if self.tool is None else without_tool(both, self.tool)
         return (own, None) if self.wrist is None else with_memory(own, self.wrist.known)
 

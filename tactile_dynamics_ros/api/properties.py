@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -27,10 +27,12 @@ class Properties:
     Attributes:
         document: of `estimate` with that model.
         rows: name (starred where undetermined), value, standard deviation and unit of each number.
+        remark: what it is by effects that cannot be told from those of the model; empty for none.
     """
 
     document: dict[str, Any]
     rows: Rows
+    remark: str = ""
 
     @property
     def cells(self) -> dict[str, str]:
@@ -46,13 +48,20 @@ class Properties:
         return {row[0].removesuffix(" *"): row[3] for row in self.rows}
 
 
-def properties_of(question: Question, model: Any, read: Sequence[Convention] = ()) -> Properties:
+def properties_of(
+    question: Question,
+    model: Any,
+    read: Sequence[Convention] = (),
+    groups: Mapping[str, Sequence[str]] | None = None,
+) -> Properties:
     """Tell what was recorded by a model of it.
 
     Args:
         question: that the model answers.
         model: with the effects that count.
         read: conventions as which the recording is read.
+        groups: effects that cannot be told from one of the model, by that; of a held object its
+            intervals hold them too.
 
     Raises:
         NotIdentifiableError: the iteration diverged, or a pushed object slides too little.
@@ -61,24 +70,33 @@ def properties_of(question: Question, model: Any, read: Sequence[Convention] = (
         return _of_surface(model)
     if isinstance(question.recording, PushedRecording):
         return _of_pushed(question.recording, model)
-    return _of_held(question.recording, model, read)
+    return _of_held(question.recording, model, read, groups or {})
 
 
 def _of_held(
-    recording: Recording, model: HeldObjectModel, read: Sequence[Convention]
+    recording: Recording,
+    model: HeldObjectModel,
+    read: Sequence[Convention],
+    groups: Mapping[str, Sequence[str]],
 ) -> Properties:
     """Estimate a held object with the effects of a model, in the readings that the data chose."""
     from tactile_dynamics_ros.api.estimates import Estimate
+    from tactile_dynamics_ros.core.inertia.batch.knowledge import say_rivals
     from tactile_dynamics_ros.core.inertia.diagnosis.misreading import read_as
-    from tactile_dynamics_ros.core.inertia.estimate import estimate
+    from tactile_dynamics_ros.core.inertia.estimate import estimate, estimate_rivals
 
     streams = read_as(recording.streams, [convention.name for convention in read])
+    fitted = estimate(streams, model.effects, fitted=model.fitted)
+    rivals = estimate_rivals(streams, model.effect_names, groups)
     found = Estimate(
         replace(recording, streams=streams),
-        estimate(streams, model.effects, fitted=model.fitted),
+        fitted,
         uncorrected=None if model.effects else model.fitted,
+        rivals=tuple(rivals.values()),
     )
-    return Properties(found.to_json(), found.body_rows())
+    names = join_names(model.effect_names, "and")
+    remark = say_rivals(fitted.to_estimate(), names, rivals) if rivals else ""
+    return Properties(found.to_json(), found.body_rows(), remark)
 
 
 def _of_pushed(recording: PushedRecording, model: PushDiscrepancy) -> Properties:

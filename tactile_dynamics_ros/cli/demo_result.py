@@ -21,7 +21,8 @@ from tactile_dynamics_ros.core.effects import create_effects
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate
-from tactile_dynamics_ros.core.inertia.estimate import estimate
+from tactile_dynamics_ros.core.inertia.batch.knowledge import beside_rivals, say_rivals
+from tactile_dynamics_ros.core.inertia.estimate import estimate, estimate_rivals
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.rigid_body.rotation import quaternion_to_matrix
 from tactile_dynamics_ros.recording import Recording
@@ -109,7 +110,7 @@ def doubts(document: Document) -> list[str]:
     return [
         f"This recording cannot tell {name} from "
         f"{join_names([other for other in group if other != name])}: mass, centre of mass and "
-        f"inertia hold if it is {name}."
+        f"inertia are those with {name}, their intervals hold the others too."
         for name, group in document["groups"].items()
     ]
 
@@ -181,11 +182,16 @@ def summarise_demo(
     """
     recording = Recording.from_bag(out / "recording")
     model, effects = _estimate(recording, found.effects if found else (), say)
-    offline = model.to_estimate()
+    groups = found.offline["groups"] if found and found.offline else {}
+    rivals = estimate_rivals(recording, effects, groups)
+    alone = model.to_estimate()
+    offline = beside_rivals(alone, tuple(rivals.values()))
     body = InertialParameters(truth["mass"], np.array(truth["com"]), np.array(truth["inertia_com"]))
     say(_comparison(history, offline, body))
     if effects:
         say(f"offline: with {', '.join(effects)}")
+    if rivals:
+        say(say_rivals(alone, join_names(effects, "and"), rivals))
     introduction = _introduce(out, history, body, truth["robot"], truth["object"], say)
     if found:
         told = offline.duration, truth["hidden_effect"]
@@ -193,7 +199,7 @@ def summarise_demo(
         for sentence in found.summary(*told):
             say(sentence)
     report = write_estimate_report(
-        recording, model, out, history, body, command=command, introduction=introduction
+        recording, model, out, history, body, command, introduction, estimate=offline
     )
     live = history.value[-1].tolist() if len(history.time) else None
     return {

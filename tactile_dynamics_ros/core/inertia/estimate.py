@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.effects.registry import create_effects
 from tactile_dynamics_ros.core.effects.sensor_zero import with_zero
+from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.inertia.batch.averaging import averaged
 from tactile_dynamics_ros.core.inertia.batch.batch import fit_body
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
+from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate
 from tactile_dynamics_ros.core.inertia.batch.pose_noise_bias import widen_by_pose_noise
 from tactile_dynamics_ros.core.inertia.diagnosis.readings import fit_with_readings
 from tactile_dynamics_ros.core.shape.hull import CentreHull, keep_in_hull
@@ -68,3 +72,27 @@ def estimate(
         return model
     data, prior = (part[:10, :10] for part in model.coordinate_information)
     return replace(model, xi=keep_in_hull(model.xi, data + prior, CentreHull.of_points(hull)))
+
+
+def estimate_rivals(
+    recording: Streams | Recorded,
+    effects: Sequence[str],
+    groups: Mapping[str, Sequence[str]],
+) -> dict[str, InertialEstimate]:
+    """Estimate with each effect that the data cannot tell from one of the model, in its place.
+
+    Args:
+        recording: streams, or what has them.
+        effects: names of the effects of the model.
+        groups: by effect of the model, those that cannot be told from it; itself may be among them.
+
+    Returns:
+        The estimate with each that can be fitted, by its name.
+    """
+    found = {}
+    for name, other in ((name, other) for name, group in groups.items() for other in group):
+        if other != name and name in effects:
+            names = [other if one == name else one for one in effects]
+            with suppress(TactileDynamicsError):
+                found[other] = estimate(recording, create_effects(names)).to_estimate()
+    return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.special import chdtrc
 
+from tactile_dynamics_ros.core.discrepancy.verdict.wording import write_interval
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import (
     PARAMETER_NAMES,
@@ -129,6 +131,43 @@ def with_memory(
     body, _ = nearest_body(phi, covariance)
     unknown = set(estimate.not_excited) & set(known.undetermined)
     return _with_body(estimate, body, covariance, unknown), comparison
+
+
+def beside_rivals(
+    estimate: InertialEstimate, rivals: Sequence[InertialEstimate]
+) -> InertialEstimate:
+    """Widen an estimate by those with other effects, which the data cannot tell from its own.
+
+    C + sum d d^T, d = phi_rival - phi: the body of a rival is as likely, and so lies within one
+    standard deviation.
+
+    Args:
+        estimate: with the effects that are named.
+        rivals: with another effect in the place of one of them.
+    """
+    away = [
+        rival.inertia.dynamic_parameters - estimate.inertia.dynamic_parameters for rival in rivals
+    ]
+    spread = sum((np.outer(d, d) for d in away), start=np.zeros((10, 10)))
+    return replace(estimate, covariance=estimate.covariance + spread)
+
+
+def say_rivals(
+    estimate: InertialEstimate, chosen: str, rivals: Mapping[str, InertialEstimate]
+) -> str:
+    """The mass by each effect that cannot be told from the chosen one, as a sentence.
+
+    Args:
+        estimate: with the chosen effects, before it was widened.
+        chosen: their names, as people read them.
+        rivals: estimates by the name of the effect in the place of one of them.
+    """
+    masses = {chosen: estimate} | dict(rivals)
+    parts = [
+        f"{write_interval(one.inertia.mass, float(one.parameter_std[0]))} kg with {name}"
+        for name, one in masses.items()
+    ]
+    return f"The mass is {' or '.join(parts)}; intervals hold all of them."
 
 
 def nearest_body(phi: Array, covariance: Array) -> tuple[InertialParameters, float]:
