@@ -124,14 +124,15 @@ def explained(monkeypatch, effects=("viscous_drag",), in_turn=False, know=None):
     """An explanation by a core that is not asked here."""
     asked = []
 
-    def estimated(asked_question, model, read):
-        asked.append((model, read))
+    def estimated(asked_question, model, read, groups):
+        asked.append((model, read, groups))
         return properties("0.40", f"0.0{len(asked)}")
 
     core = "tactile_dynamics_ros.core.discrepancy"
     answer = SimpleNamespace(
         effects=effects, in_turn=in_turn, conventions=("torque_unit",), model="with",
         first=SimpleNamespace(model="alone"),
+        steps=[SimpleNamespace(name="viscous_drag", group=("viscous_drag", "force_bias"))],
     )  # fmt: skip
     monkeypatch.setattr(f"{core}.explanation.explain", None)
     monkeypatch.setattr(Question, "answer", lambda self, ask: (answer, ()))
@@ -144,7 +145,8 @@ def explained(monkeypatch, effects=("viscous_drag",), in_turn=False, know=None):
 
 def test_an_explanation_estimates_the_object_by_both_models_as_the_recording_is_read(monkeypatch):
     found, asked = explained(monkeypatch)
-    assert asked == [("alone", ("torque_unit",)), ("with", ("torque_unit",))]
+    groups = {"viscous_drag": ("viscous_drag", "force_bias")}
+    assert asked == [(model, ("torque_unit",), groups) for model in ("alone", "with")]
     assert found.to_json()["estimate"] == {"before": {"mass": "0.40"}, "after": {"mass": "0.40"}}
     assert "mass       0.40 ± 0.01        0.40 ± 0.02    kg" in " ".join(str(found).split("\n  "))
     [section] = found._section()
@@ -165,7 +167,7 @@ def test_readings_that_fit_in_turn_leave_the_object_unknown(monkeypatch):
 
 
 def test_an_estimate_that_fails_is_a_note_and_no_end(monkeypatch):
-    def fails(asked_question, model, read):
+    def fails(asked_question, model, read, groups):
         raise NotIdentifiableError("it slides too little")
 
     found, _ = explained(monkeypatch, know=fails)
