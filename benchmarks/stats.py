@@ -10,7 +10,7 @@ import subprocess
 import sys
 import tokenize
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -41,32 +41,32 @@ def measure(root: Path) -> dict[str, dict[str, Any]]:
     """Return sizes of package, benchmarks and tests below a folder, and what `diagnose` imports."""
     found: dict[str, dict[str, Any]] = {}
     for name, folder in FOLDERS.items():
-        files = sorted((root / folder).rglob("*.py"))
-        trees = {path: ast.parse(path.read_text()) for path in files}
+        texts = {path: path.read_text() for path in sorted((root / folder).rglob("*.py"))}
+        trees = {path: ast.parse(text) for path, text in texts.items()}
         modules = {_module(path, root): tree for path, tree in trees.items()}
         found[name] = {
-            "code_lines": sum(code_lines(path.read_text()) for path in files),
-            "files": len(files),
-            "long_files": sum(path.read_text().count("\n") > LONG for path in files),
-            "depth": max(len(path.relative_to(root / folder).parts) - 1 for path in files),
+            "code_lines": sum(map(code_lines, texts.values())),
+            "files": len(texts),
+            "long_files": sum(text.count("\n") > LONG for text in texts.values()),
+            "depth": max(len(path.relative_to(root / folder).parts) - 1 for path in texts),
             "constants": sum(map(constants, trees.values())),
-            "circles": len(circles(modules)),
+            "circles": len(circular(imports_of(modules))),
         }
-    package = sorted((root / FOLDERS["package"]).rglob("*.py"))
-    found["package"] |= {
-        "pushed_constants": sum(
-            constants(ast.parse(p.read_text())) for p in package if "planar" in p.parts
-        ),
-        "modules_named_twice": _twice(p.stem for p in package if p.stem != "__init__"),
-        "classes_named_twice": _twice(
-            node.name
-            for path in package
-            for node in ast.parse(path.read_text()).body
-            if isinstance(node, ast.ClassDef) and not node.name.startswith("_")
-        ),
-        "modules_of_diagnose": _imported(),
-    }
+        if name == "package":
+            found[name] |= _of_package(trees) | {"modules_of_diagnose": _imported()}
     return found
+
+
+def _of_package(trees: Mapping[Path, ast.Module]) -> dict[str, int]:
+    """Constants of the pushed half, and names that stand for more than one thing."""
+    classes = (
+        node for tree in trees.values() for node in tree.body if isinstance(node, ast.ClassDef)
+    )
+    return {
+        "pushed_constants": sum(constants(t) for p, t in trees.items() if "planar" in p.parts),
+        "modules_named_twice": _twice(p.stem for p in trees if p.stem != "__init__"),
+        "classes_named_twice": _twice(n.name for n in classes if not n.name.startswith("_")),
+    }
 
 
 def code_lines(source: str) -> int:
@@ -95,37 +95,25 @@ def constants(tree: ast.Module) -> int:
     return count
 
 
-def circles(modules: dict[str, ast.Module]) -> list[list[str]]:
-    """Groups of modules that import each other when they are loaded."""
-    graph = {name: sorted(_imports(name, tree, modules)) for name, tree in modules.items()}
-    order: dict[str, int] = {}
-    low: dict[str, int] = {}
-    stack: list[str] = []
-    found: list[list[str]] = []
+def circular(graph: Mapping[str, set[str]]) -> set[str]:
+    """Modules that import each other, or one that does; none where there is an order.
 
-    def visit(name: str) -> None:
-        order[name] = low[name] = len(order)
-        stack.append(name)
-        for other in graph[name]:
-            if other not in order:
-                visit(other)
-                low[name] = min(low[name], low[other])
-            elif other in stack:
-                low[name] = min(low[name], order[other])
-        if low[name] == order[name]:
-            group = stack[stack.index(name) :]
-            del stack[stack.index(name) :]
-            if len(group) > 1:
-                found.append(group)
-
-    for name in graph:
-        if name not in order:
-            visit(name)
-    return found
+    Args:
+        graph: modules by name, with those that each imports.
+    """
+    left = {name: found - {name} for name, found in graph.items()}
+    while settled := {name for name, found in left.items() if not found & left.keys()}:
+        left = {name: found for name, found in left.items() if name not in settled}
+    return set(left)
 
 
-def _imports(name: str, tree: ast.Module, known: Iterable[str]) -> set[str]:
-    """Known modules that a module imports at its top, leaving out what is for types alone."""
+def imports_of(modules: Mapping[str, ast.Module]) -> dict[str, set[str]]:
+    """What each module imports of the others as it is loaded, leaving out what is for types."""
+    return {name: _imports(tree, modules) for name, tree in modules.items()}
+
+
+def _imports(tree: ast.Module, known: Iterable[str]) -> set[str]:
+    """Known modules that a module imports at its top."""
     found, there = set(), set(known)
     for node in tree.body:
         if isinstance(node, ast.ImportFrom) and node.module:
@@ -133,7 +121,7 @@ def _imports(name: str, tree: ast.Module, known: Iterable[str]) -> set[str]:
             found |= parts & there or {node.module}
         elif isinstance(node, ast.Import):
             found |= {a.name for a in node.names}
-    return (found & there) - {name}
+    return found & there
 
 
 def _module(path: Path, root: Path) -> str:

@@ -9,6 +9,7 @@ import pytest
 from rooms import PACKAGE, PAGE, ROOMS, breaches, imported_names, page, room_of
 
 import tactile_dynamics_ros
+from benchmarks.stats import circular
 from tactile_dynamics_ros.cli.bringup import node_names
 
 ROOT = Path(tactile_dynamics_ros.__file__).parent
@@ -88,13 +89,7 @@ def test_rooms_allow_no_circle():
 def test_modules_import_no_circle():
     """Type checking counts too: who needs another to be understood cannot be understood alone."""
     graph = {name_of(file): imported_modules(text) for file, text in SOURCES.items()}
-    graph = {name: found - {name} for name, found in graph.items()}
-    while True:
-        settled = {name for name, found in graph.items() if not found & set(graph)}
-        if not settled:
-            break
-        graph = {name: found for name, found in graph.items() if name not in settled}
-    assert sorted(graph) == []
+    assert sorted(circular(graph)) == []
 
 
 def name_of(file):

@@ -4,7 +4,7 @@ import ast
 
 import pytest
 
-from benchmarks.stats import circles, code_lines, constants
+from benchmarks.stats import circular, code_lines, constants, imports_of
 
 SOURCE = '''"""A module."""
 
@@ -44,5 +44,5 @@ def test_circles_are_found_through_folders_but_not_of_types_alone():
         "p.d": "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import p.e",
         "p.e": "import p.d",
     }
-    found = circles({name: ast.parse(text) for name, text in modules.items()})
-    assert [sorted(group) for group in found] == [["p.a", "p.b", "p.c"]]
+    graph = imports_of({name: ast.parse(text) for name, text in modules.items()})
+    assert sorted(circular(graph)) == ["p.a", "p.b", "p.c"]
