@@ -66,6 +66,7 @@ setup(
         "rich",
         "rosbags",
         "scipy",
+        "shtab",
         "small_gicp",
         "sympy",
         "trimesh",

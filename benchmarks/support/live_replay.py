@@ -22,13 +22,14 @@ Array = NDArray[np.float64]
 
 
 def replay_streams(
-    streams: Streams, estimator: IncrementalInertialEstimator | None = None
+    streams: Streams, estimator: IncrementalInertialEstimator | None = None, every: int = 1
 ) -> Iterator[LiveEstimate]:
-    """Estimates as they would have been published live, one per pose.
+    """Estimates as they would have been published live, one after so many poses.
 
     Args:
         streams: a recording with poses of the object.
         estimator: to feed; a new one by default.
+        every: poses between two estimates.
 
     Raises:
         BadInputError: the recording has no poses.
@@ -47,7 +48,7 @@ def replay_streams(
             while positions[index] < len(contact.time) and contact.time[positions[index]] <= time:
                 _add_contact(estimator, contact, positions[index], places)
                 positions[index] += 1
-        estimate = estimator.update()
+        estimate = None if (k + 1) % every else estimator.update()
         if estimate is not None:
             yield estimate
 

@@ -12,7 +12,10 @@ from tactile_dynamics_ros.api.estimates import GROSS_MISFIT, Estimate
 from tactile_dynamics_ros.api.readiness import GOAL, Readiness, lost_faults
 from tactile_dynamics_ros.api.result import Rows
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
-from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import PARAMETER_NAMES
+from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import (
+    PARAMETER_NAMES,
+    describe_parameter,
+)
 from tactile_dynamics_ros.core.inertia.excitation.addition import (
     DURATION,
     WORTH,
@@ -162,16 +165,6 @@ def check_recording(recording: Recording, goal: float = GOAL) -> Check:
     if found.question.misfit:
         (faults if found.question.is_far else remarks).append(_misfit(found))
     return Check(rates, tuple(faults), tuple(remarks), goal, found, _additions(found, goal))
-
-
-def describe_parameter(name: str) -> str:
-    """Return a parameter of PARAMETER_NAMES in words."""
-    kind, _, axes = name.partition("_")
-    if kind == "mass":
-        return "mass"
-    if kind == "com":
-        return f"centre of mass along {axes}"
-    return f"inertia about {axes[0]}" if axes[0] == axes[1] else f"product of inertia {axes}"
 
 
 def _clock_faults(found: Estimate) -> list[str]:

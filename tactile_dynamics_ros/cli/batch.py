@@ -41,10 +41,7 @@ _WIDEST = 50
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
     """Add the verb."""
-    parser = verbs.add_parser(
-        "batch",
-        help="ask the same about many recordings: table, page of reports; resumes",
-    )
+    parser = verbs.add_parser("batch")
     parser.add_argument("question", choices=VERBS, metavar="VERB", help=", ".join(VERBS))
     add_recording_arguments(parser)
     parser.add_argument(

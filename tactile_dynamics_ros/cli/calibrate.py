@@ -27,10 +27,7 @@ GAP_NS = 50_000_000
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
     """Add the verb."""
-    parser = verbs.add_parser(
-        "calibrate",
-        help="fingertips of one hand: gain from presses on a known force, drift while warming up",
-    )
+    parser = verbs.add_parser("calibrate")
     parser.add_argument("bag", metavar="BAG", help="rosbag2 directory, .mcap or .db3 file")
     parser.add_argument(
         "--drift",

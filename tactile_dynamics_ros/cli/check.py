@@ -22,7 +22,6 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     """Add the verb."""
     parser = verbs.add_parser(
         "check",
-        help="rates, gaps, clocks, units and excitation of a recording, and what to record as well",
         description="Tell whether a recording is fit for an estimate, in words: rates and gaps, "
         "clocks, suspicious units, how well each parameter is known, and which further motion "
         "would bring it to the goal. The exit code is 0 if it is ready and 3 if not.",

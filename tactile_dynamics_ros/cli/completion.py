@@ -4,75 +4,50 @@ from __future__ import annotations
 
 import argparse
 from argparse import Namespace, _SubParsersAction
-from collections.abc import Iterator
 from typing import Any
 
-_BASH = """_tactile_dynamics() {{
-    local current=${{COMP_WORDS[COMP_CWORD]}} verb=${{COMP_WORDS[1]}} words
-    if ((COMP_CWORD == 1)); then
-        COMPREPLY=($(compgen -W '{verbs}' -- "$current"))
-        return
-    fi
-    if [[ ${{COMP_WORDS[COMP_CWORD - 1]}} == --effect* && $current != -* ]]; then
-        [[ ${{COMP_WORDS[COMP_CWORD - 1]}} == --effect-file ]] && return
-        COMPREPLY=($(compgen -W '{effects}' -- "$current"))
-        return
-    fi
-    case $verb in
-{cases}
-    esac
-    COMPREPLY=($(compgen -W "$words" -- "$current"))
-}}
-complete -o default -F _tactile_dynamics tactile-dynamics
-"""
+SHELLS = ("bash", "zsh")
 
-_ZSH = "autoload -U +X bashcompinit && bashcompinit\n"
-"""zsh reads scripts of bash after this."""
+_WORDS = {
+    "bash": '_tactile_dynamics_{}() {{ compgen -W "{}" -- "$1"; }}',
+    "zsh": "_tactile_dynamics_{}() {{ compadd -- {} }}",
+}
+"""Functions of a shell that complete names which depend on what is installed."""
 
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
     """Add the verb."""
-    parser = verbs.add_parser("completion", help="print a script that completes in a shell")
-    parser.add_argument("shell", choices=("bash", "zsh"))
-    parser.set_defaults(run=lambda args: run(args, verbs))
+    parser = verbs.add_parser("completion")
+    parser.add_argument("shell", choices=SHELLS)
+    parser.set_defaults(run=run)
 
 
-def run(args: Namespace, verbs: _SubParsersAction[Any]) -> int:
+def run(args: Namespace) -> int:
     """Print the script."""
-    cases = [
-        f"        {name}) words='{' '.join(sorted(set(_words(parser))))}' ;;"
-        for name, parser in sorted(verbs.choices.items())
-    ]
-    script = _BASH.format(
-        verbs=" ".join(sorted(verbs.choices)),
-        effects=" ".join(_effect_names()),
-        cases="\n".join(cases),
-    )
-    print((_ZSH if args.shell == "zsh" else "") + script, end="")
-    return 0
+    import shtab
 
-
-def _words(parser: argparse.ArgumentParser) -> Iterator[str]:
-    """Yield what may follow a verb: options, choices, and the same of what it is divided into."""
-    for action in parser._actions:
-        yield from (option for option in action.option_strings if option.startswith("--"))
-        if isinstance(action, _SubParsersAction):
-            for name, part in action.choices.items():
-                yield name
-                yield from _words(part)
-        elif action.choices is not None:
-            yield from map(str, action.choices)
-        elif action.dest == "node":
-            from tactile_dynamics_ros.cli.bringup import node_names
-
-            yield from node_names()
-        elif action.dest == "name":
-            yield from _effect_names()
-
-
-def _effect_names() -> list[str]:
-    """Return the names of the effects of all models."""
+    from tactile_dynamics_ros.cli.bringup import node_names
+    from tactile_dynamics_ros.cli.main import build_parser
     from tactile_dynamics_ros.core.effects import EFFECT_NAMES
     from tactile_dynamics_ros.core.planar.effects.registry import PUSHED_EFFECT_NAMES
 
-    return sorted({*EFFECT_NAMES, *PUSHED_EFFECT_NAMES})
+    parser = build_parser()
+    _mark_names(parser)
+    names = {"effects": {*EFFECT_NAMES, *PUSHED_EFFECT_NAMES}, "nodes": node_names()}
+    functions = [
+        _WORDS[args.shell].format(kind, " ".join(sorted(found))) for kind, found in names.items()
+    ]
+    print(shtab.complete(parser, args.shell, preamble={args.shell: "\n".join(functions)}))
+    return 0
+
+
+def _mark_names(parser: argparse.ArgumentParser) -> None:
+    """Let arguments that name an effect or a node be completed by these names."""
+    for action in parser._actions:
+        if isinstance(action, _SubParsersAction):
+            for form in action.choices.values():
+                _mark_names(form)
+        kind = {"node": "nodes", "name": "effects", "effect": "effects", "effects": "effects"}
+        if action.choices is None and action.dest in kind:
+            function = f"_tactile_dynamics_{kind[action.dest]}"
+            action.complete = dict.fromkeys(SHELLS, function)  # type: ignore[attr-defined]

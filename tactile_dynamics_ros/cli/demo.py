@@ -20,7 +20,6 @@ from tactile_dynamics_ros.cli.bringup import (
     require_table_object,
     write_parameters,
 )
-from tactile_dynamics_ros.cli.demo_result import Findings, doubts
 from tactile_dynamics_ros.cli.domain import private_domain
 from tactile_dynamics_ros.cli.live import (
     DEFAULT_CONFIG,
@@ -65,9 +64,7 @@ programs use, and a slow start is no fault."""
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
     """Add the verb."""
-    parser = verbs.add_parser(
-        "demo", help="a simulated hand lifts an unknown object; its inertia appears live"
-    )
+    parser = verbs.add_parser("demo")
     add_simulation_arguments(parser)
     parser.set_defaults(hidden=None, magnitude=None)
     parser.add_argument(
@@ -137,7 +134,7 @@ def run(args: Namespace) -> int:
                 supervisor.stop(["recorder"])
     (out / "truth.json").write_text(json.dumps(truth, indent=1) + "\n")
     say(f"recorded {out / 'recording'}; all processes are stopped; estimating from the recording")
-    from tactile_dynamics_ros.cli.demo_result import summarise_demo
+    from tactile_dynamics_ros.cli.demo_result import Findings, summarise_demo
 
     found = story and Findings(story.diagnosis, story.seconds, _explain(out, say))
     result = summarise_demo(out, monitor.history(), truth, _command(args), say, found)
@@ -186,6 +183,8 @@ def _explain(out: Path, say: Callable[[str], None]) -> dict[str, Any] | None:
     if done.returncode != 0:
         say(f"no explanation: {last_line(done.stderr)}")
         return None
+    from tactile_dynamics_ros.cli.demo_result import doubts
+
     document: dict[str, Any] = json.loads(done.stdout)
     for step in document["steps"]:
         say(f"  {step['added'] or 'rigid body alone'}: error {step['error']:.2f}")

@@ -26,11 +26,10 @@ from std_srvs.srv import Trigger
 from tactile_dynamics_ros.cli.bringup import nodes_of
 from tactile_dynamics_ros.cli.topics import call_trigger
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
-from tactile_dynamics_ros.report.estimates import EstimateHistory
+from tactile_dynamics_ros.report.estimates import PARAMETERS, SHOWN_PARAMETERS, EstimateHistory
 from tactile_dynamics_ros.ros import names
 from tactile_dynamics_ros.ros.conversions import to_seconds
 from tactile_dynamics_ros.ros.diagnostics import Statuses, status_values, to_number
-from tactile_dynamics_ros.ros.executable import start_tool
 from tactile_dynamics_ros.ros.names import (
     DIAGNOSTICS,
     ESTIMATOR_STATUS,
@@ -39,6 +38,7 @@ from tactile_dynamics_ros.ros.names import (
     REVEAL,
 )
 from tactile_dynamics_ros.ros.shell import LATCHED
+from tactile_dynamics_ros.ros.startup import start_tool
 from tactile_dynamics_ros.ros.statuses import InertiaStatus, read_inertia_status
 
 if TYPE_CHECKING:
@@ -177,18 +177,6 @@ class Log:
 
 Array = NDArray[np.float64]
 
-NAMES = (
-    ("mass", "mass", 1e3, "g"),
-    ("com_x", "centre of mass x", 1e3, "mm"),
-    ("com_y", "centre of mass y", 1e3, "mm"),
-    ("com_z", "centre of mass z", 1e3, "mm"),
-    ("inertia_xx", "inertia xx", 1e6, "kg mm²"),
-    ("inertia_xy", "inertia xy", 1e6, "kg mm²"),
-    ("inertia_yy", "inertia yy", 1e6, "kg mm²"),
-    ("inertia_xz", "inertia xz", 1e6, "kg mm²"),
-    ("inertia_yz", "inertia yz", 1e6, "kg mm²"),
-    ("inertia_zz", "inertia zz", 1e6, "kg mm²"),
-)
 LINE_EVERY = 3.0
 STILL_PHASES = ("starting", "idle")
 """Phases in which nothing has moved yet."""
@@ -260,7 +248,7 @@ class Monitor:
     def history(self) -> EstimateHistory:
         """Return the estimates that came, those of a changed model from where it begins."""
         if not self._estimates:
-            empty = np.zeros((0, len(NAMES)))
+            empty = np.zeros((0, PARAMETERS))
             return EstimateHistory(np.zeros(0), empty, empty)
         time_, value, std = zip(*self._estimates, strict=True)
         return EstimateHistory(np.array(time_), np.stack(value), np.stack(std)).of_last_model()
@@ -320,7 +308,7 @@ class Monitor:
         if not said.known:
             table.caption = said.text
             return table
-        for (_, label, scale, unit), v, s in zip(NAMES, said.value, said.std, strict=True):
+        for (label, scale, unit), v, s in zip(SHOWN_PARAMETERS, said.value, said.std, strict=True):
             table.add_row(label, f"{scale * v:.2f}", f"{scale * s:.2f}", unit)
         table.add_row("error", f"{said.error:.2f}", "", "x sensor noise")
         return table
@@ -335,9 +323,9 @@ def _line(said: InertiaStatus) -> str:
     """Return samples, mass and centre of mass, or why these are not known."""
     if not said.known:
         return f"  no estimate: {said.text or 'nothing is measured yet'}"
-    shown = list(zip(NAMES, said.value, said.std, strict=True))[:4]
+    shown = list(zip(SHOWN_PARAMETERS, said.value, said.std, strict=True))[:4]
     values = ", ".join(
         f"{label} {scale * value:.1f} ± {scale * std:.1f} {unit}"
-        for (_, label, scale, unit), value, std in shown
+        for (label, scale, unit), value, std in shown
     )
     return f"  {said.samples:>5} samples: {values}"

@@ -15,7 +15,6 @@ from matplotlib.image import imread
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.api.result import align_rows
-from tactile_dynamics_ros.cli.demo_monitor import NAMES
 from tactile_dynamics_ros.core.discrepancy.verdict.wording import join_names
 from tactile_dynamics_ros.core.effects import create_effects
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
@@ -28,7 +27,7 @@ from tactile_dynamics_ros.core.rigid_body.rotation import quaternion_to_matrix
 from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.recording.topics import OBJECT_POSE
 from tactile_dynamics_ros.report.estimate_report import write_estimate_report
-from tactile_dynamics_ros.report.estimates import EstimateHistory
+from tactile_dynamics_ros.report.estimates import PARAMETERS, SHOWN_PARAMETERS, EstimateHistory
 from tactile_dynamics_ros.report.measurements import draw_summary
 from tactile_dynamics_ros.report.page import Picture, Section
 from tactile_dynamics_ros.report.style import house_style
@@ -278,7 +277,7 @@ def read_poses(recording: Path, time: float) -> tuple[Array, Array]:
 
 
 def _values(body: InertialParameters) -> Array:
-    """Mass, centre of mass and inertia about it, (10,) in the order of NAMES."""
+    """Mass, centre of mass and inertia about it, (10,) in the order of PARAMETER_NAMES."""
     tensor = body.inertia_com
     rows, columns = (0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2)
     return np.array([body.mass, *body.com, *tensor[rows, columns]])
@@ -301,11 +300,11 @@ def _comparison(
 ) -> str:
     """Return a table of live estimate, offline estimate and truth."""
     rows = [("", "live", "std", "offline", "std", "truth", "unit")]
-    missing = np.full(len(NAMES), np.nan)
+    missing = np.full(PARAMETERS, np.nan)
     live, live_std = (
         (history.value[-1], history.std[-1]) if len(history.time) else (missing, missing)
     )
     columns = (live, live_std, _values(offline.inertia), offline.parameter_std, _values(truth))
-    for k, (_, label, scale, unit) in enumerate(NAMES):
+    for k, (label, scale, unit) in enumerate(SHOWN_PARAMETERS):
         rows.append((label, *(_shown(scale * column[k]) for column in columns), unit))
     return align_rows(rows)

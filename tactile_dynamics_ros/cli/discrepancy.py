@@ -26,17 +26,17 @@ from tactile_dynamics_ros.cli.recordings import (
 )
 from tactile_dynamics_ros.core.options import folder_to_write
 
-_VERBS: dict[str, tuple[Any, str]] = {
-    "compare": (Comparison, "how far the model is from a recording, and where it fails"),
-    "diagnose": (Diagnosis, "which effect is missing from the model of a recording"),
-    "explain": (Explanation, "add missing effects one by one and watch the error fall"),
+_VERBS: dict[str, Any] = {
+    "compare": Comparison,
+    "diagnose": Diagnosis,
+    "explain": Explanation,
 }
 
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
     """Add the three verbs."""
-    for name, (_, text) in _VERBS.items():
-        parser = verbs.add_parser(name, help=text)
+    for name in _VERBS:
+        parser = verbs.add_parser(name)
         add_recording_arguments(parser)
         add_model_argument(parser)
         parser.add_argument(
@@ -50,7 +50,7 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
 
 def run(args: Namespace) -> int:
     """Ask and print."""
-    kind, _ = _VERBS[args.verb]
+    kind = _VERBS[args.verb]
     ask = _ask(args)
     with shown_progress(args.json):
         result: Discrepancy = kind.of(ask())

@@ -33,9 +33,7 @@ v_x_body say otherwise. A contact is named, as in grip_thumb, f_x_thumb, or left
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
     """Add the verb."""
-    parser = verbs.add_parser(
-        "effects", help="the catalogue of effects: formula, parameters, what it looks like, remedy"
-    )
+    parser = verbs.add_parser("effects")
     parser.add_argument("name", metavar="NAME", nargs="?", help="only this effect, at length")
     parser.add_argument(
         "--model", choices=(*_MODELS, "all"), default="all", help="only the effects of this model"

@@ -27,9 +27,7 @@ if TYPE_CHECKING:
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
     """Add the verb."""
-    parser = verbs.add_parser(
-        "estimate", help="mass, centre of mass and inertia from a recording, with uncertainty"
-    )
+    parser = verbs.add_parser("estimate")
     add_recording_arguments(parser)
     parser.add_argument(
         "--out",

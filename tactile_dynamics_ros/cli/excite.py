@@ -39,7 +39,6 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     """Add the verb."""
     parser = verbs.add_parser(
         "excite",
-        help="design the motion that reveals most about a held object, within arm and grip limits",
         description="Design a motion for the object, the grip and the present estimate that a "
         "recording shows or, before the first grasp, for an object's grasp site. The motion is a "
         "table of Cartesian offsets (rotation vector in rad and translation in m, world axes) "

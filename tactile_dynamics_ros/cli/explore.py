@@ -18,9 +18,7 @@ REMARKS = ("stopped", "jerked", "missed", "late")
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
     """Add the verb."""
-    parser = verbs.add_parser(
-        "explore", help="push an object on a table where that tells most, until it is known"
-    )
+    parser = verbs.add_parser("explore")
     parser.add_argument(
         "--timeout",
         type=POSITIVE,

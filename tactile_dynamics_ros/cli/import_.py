@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tactile_dynamics_ros.cli.recordings import NEW_RECORDING
+from tactile_dynamics_ros.cli.verbs import VERBS
 from tactile_dynamics_ros.core.errors import BadInputError, refuse_existing
 from tactile_dynamics_ros.core.files import written_whole
 from tactile_dynamics_ros.core.options import file_to_write, path_to_write
@@ -66,8 +67,7 @@ class _NamesAndFiles(dict[str, ArgumentParser]):
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
     """Add the verb with one word per importer."""
-    summary = "turn tables, bags or a known data set into a recording; FILE --guess proposes how"
-    parser = verbs.add_parser("import", help=summary, description=summary)
+    parser = verbs.add_parser("import", description=VERBS["import"].help)
     forms = parser.add_subparsers(dest="form", metavar="FORM", required=True, action=_FormOrFile)
     for importer in IMPORTERS:
         form = forms.add_parser(importer.name, help=importer.summary, description=importer.summary)

@@ -37,12 +37,12 @@ refuses at once what the node would refuse after it has started (a test compares
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
     """Add the verbs."""
-    run = verbs.add_parser("run", help="run one node, as `ros2 run tactile_dynamics_ros NODE`")
+    run = verbs.add_parser("run")
     run.add_argument("node", metavar="NODE", help=f"one of {', '.join(node_names())}")
     run.add_argument("arguments", nargs=argparse.REMAINDER, help="--ros-args ...")
     run.set_defaults(run=run_node)
 
-    sim = verbs.add_parser("sim", help="run the simulated robot alone")
+    sim = verbs.add_parser("sim")
     sim.add_argument(
         "--scene",
         default="hand",
@@ -52,7 +52,7 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     add_simulation_arguments(sim)
     sim.set_defaults(run=run_simulation, object=None)
 
-    up = verbs.add_parser("up", help="start all nodes of a robot and keep them running")
+    up = verbs.add_parser("up")
     up.add_argument("--config", default=DEFAULT_CONFIG, metavar="YAML", help="nodes, parameters")
     up.add_argument(
         "--simulate",

@@ -6,44 +6,16 @@ import argparse
 import importlib
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from contextlib import nullcontext
-from types import ModuleType
 from typing import Any
 
-from tactile_dynamics_ros.cli.examples import epilog
 from tactile_dynamics_ros.cli.progress import write_plain_where_needed
+from tactile_dynamics_ros.cli.verbs import VERBS, epilog
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError, nearest
 from tactile_dynamics_ros.core.files import reason_of
 from tactile_dynamics_ros.stopping import Stopped, StopRequest
 from tactile_dynamics_ros.version import __version__
-
-VERB_MODULES: tuple[str, ...] = (
-    "tactile_dynamics_ros.cli.demo",
-    "tactile_dynamics_ros.cli.live",
-    "tactile_dynamics_ros.cli.topics",
-    "tactile_dynamics_ros.cli.probe",
-    "tactile_dynamics_ros.cli.push",
-    "tactile_dynamics_ros.cli.explore",
-    "tactile_dynamics_ros.cli.record",
-    "tactile_dynamics_ros.cli.check",
-    "tactile_dynamics_ros.cli.estimate",
-    "tactile_dynamics_ros.cli.discrepancy",
-    "tactile_dynamics_ros.cli.batch",
-    "tactile_dynamics_ros.cli.view",
-    "tactile_dynamics_ros.cli.effects",
-    "tactile_dynamics_ros.cli.excite",
-    "tactile_dynamics_ros.cli.import_",
-    "tactile_dynamics_ros.cli.shape",
-    "tactile_dynamics_ros.cli.synthetic",
-    "tactile_dynamics_ros.cli.train",
-    "tactile_dynamics_ros.cli.calibrate",
-    "tactile_dynamics_ros.cli.completion",
-)
-"""Modules with `add_parser(subparsers)`; every parser sets `run=callable(args) -> int`.
-
-To add a verb, add its module here. Heavy imports belong inside the run function.
-"""
 
 _NEGATIVE = re.compile(r"-\.?\d")
 """Beginning of negative numbers, also of several with commas (-1,2): they are values of options.
@@ -88,20 +60,39 @@ def _listed(known: Sequence[str]) -> str:
     return known[0] if len(known) == 1 else f"one of {', '.join(known)}"
 
 
-def build_parser(modules: Sequence[ModuleType]) -> argparse.ArgumentParser:
-    """Return the parser with the verbs of `modules`, each with `--json`."""
+class _Verbs(argparse._SubParsersAction):  # type: ignore[type-arg]
+    """Parsers of verbs, each with its line of `VERBS`."""
+
+    def add_parser(self, name: str, **keywords: Any) -> argparse.ArgumentParser:
+        """Return the parser of a verb."""
+        return super().add_parser(name, help=VERBS[name].help, **keywords)
+
+
+def build_parser(wanted: Collection[str] = tuple(VERBS)) -> argparse.ArgumentParser:
+    """Return the parser of all verbs; only the modules of those that are wanted are imported.
+
+    A module has `add_parser(verbs)`, and every parser sets `run=callable(args) -> int`, where heavy
+    imports belong.
+    """
     parser = _Parser(
         prog="tactile-dynamics",
         description="Estimate forces, pose and inertia of a held object, live and from recordings.",
     )
     parser.add_argument("--version", action="version", version=__version__)
-    verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
-    for module in modules:
-        module.add_parser(verbs)
-    for name, verb in verbs.choices.items():
-        _add_examples(verb, name)
-        if "--json" not in verb._option_string_actions:
-            verb.add_argument("--json", action="store_true", help="print only JSON on stdout")
+    verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True, action=_Verbs)
+    loaded = {VERBS[name].module for name in wanted}
+    for name, verb in VERBS.items():
+        if name in verbs.choices:
+            continue
+        if verb.module in loaded:
+            importlib.import_module(f"tactile_dynamics_ros.cli.{verb.module}").add_parser(verbs)
+        else:
+            verbs.add_parser(name)
+    for name in wanted:
+        form = verbs.choices[name]
+        _add_examples(form, name)
+        if "--json" not in form._option_string_actions:
+            form.add_argument("--json", action="store_true", help="print only JSON on stdout")
     return parser
 
 
@@ -115,11 +106,6 @@ def _add_examples(parser: argparse.ArgumentParser, words: str) -> None:
                 _add_examples(form, f"{words} {name}")
 
 
-def load_modules(names: Sequence[str] = VERB_MODULES) -> list[ModuleType]:
-    """Import the modules that register verbs."""
-    return [importlib.import_module(name) for name in names]
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one verb and return its exit code (0 done, 2 bad input, 3 not identifiable)."""
     write_plain_where_needed()
@@ -127,7 +113,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     runs_nodes = words[:1] and words[0] in NODE_VERBS
     try:
         with StopRequest(patience=0.0) if runs_nodes else nullcontext():
-            args = build_parser(load_modules()).parse_args(words)
+            args = build_parser([word for word in words[:1] if word in VERBS]).parse_args(words)
             return int(args.run(args) or 0)
     except Stopped:
         return 0

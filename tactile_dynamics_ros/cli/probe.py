@@ -15,7 +15,7 @@ from tactile_dynamics_ros.core.options import POSITIVE
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
     """Add the verb."""
-    probe = verbs.add_parser("probe", help="let a finger measure the friction coefficient")
+    probe = verbs.add_parser("probe")
     probe.add_argument(
         "--timeout", type=POSITIVE, default=120.0, metavar="S", help="wait this long for the result"
     )

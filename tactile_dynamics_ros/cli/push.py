@@ -32,7 +32,7 @@ NEAR = 2e-3
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
     """Add the verb."""
-    parser = verbs.add_parser("push", help="push an object to a pose, or along a straight line")
+    parser = verbs.add_parser("push")
     parser.add_argument(
         "--goal",
         nargs=3,

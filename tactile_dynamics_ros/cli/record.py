@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
     """Add the verb."""
-    parser = verbs.add_parser("record", help="record live topics as rosbag2 (MCAP)")
+    parser = verbs.add_parser("record")
     parser.add_argument("out", type=path_to_write, metavar="OUT", help=NEW_RECORDING)
     parser.add_argument("topics", nargs="*", metavar="TOPIC", help="all but images if none")
     parser.add_argument(
@@ -66,9 +66,9 @@ def run(args: Namespace) -> int:
     stay_on_this_host()
     import rclpy
 
-    from tactile_dynamics_ros.ros.executable import start_tool
     from tactile_dynamics_ros.ros.recorder import Recorder
     from tactile_dynamics_ros.ros.shell import finish_bursts, spin
+    from tactile_dynamics_ros.ros.startup import start_tool
 
     finish_bursts()
     start_tool()

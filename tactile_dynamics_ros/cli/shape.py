@@ -19,7 +19,6 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     """Add the verb."""
     parser = verbs.add_parser(
         "shape",
-        help="parts, size and pose of an object on a table from point clouds, and where to look",
         description="Describe an object on a table by superquadrics. Clouds are PLY, PCD, text "
         "(x y z in the first three columns) or npz (points; or depth in m, intrinsics and the "
         "camera's pose), in one frame whose z points up. Unless stated otherwise, the table is "

@@ -33,7 +33,7 @@ of simulation would not be enough."""
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
     """Add the verb."""
-    parser = verbs.add_parser("synthetic", help="make a recording with its truth beside it")
+    parser = verbs.add_parser("synthetic")
     forms = parser.add_subparsers(dest="form", metavar="FORM", required=True)
     held = forms.add_parser(
         "held", help="an object held and moved by four fingers, with effects that no model is told"

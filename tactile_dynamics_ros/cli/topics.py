@@ -33,18 +33,18 @@ TERMINATED = 128 + signal.SIGTERM
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
     """Add the verbs."""
-    echo = verbs.add_parser("echo", help="print messages of a topic, as `ros2 topic echo`")
+    echo = verbs.add_parser("echo")
     echo.add_argument("topic", metavar="TOPIC")
     echo.add_argument("--count", type=COUNT, metavar="N", help="stop after N messages")
     _add_timeout(echo, 5.0, "wait this long for the first message")
     echo.set_defaults(run=run_echo)
 
-    call = verbs.add_parser("call", help="call a service without arguments (std_srvs/Trigger)")
+    call = verbs.add_parser("call")
     call.add_argument("service", metavar="SERVICE")
     _add_timeout(call, None, "wait this long for the answer; else while the service is there")
     call.set_defaults(run=run_call)
 
-    change = verbs.add_parser("set", help="change a parameter of a running node")
+    change = verbs.add_parser("set")
     change.add_argument("node", metavar="NODE", help="with its namespace: left/model_check")
     change.add_argument("parameter", metavar="PARAMETER")
     change.add_argument("value", metavar="VALUE", help="yaml: 0.5, true, [viscous_drag], []")
@@ -63,7 +63,7 @@ def short_lived_node(namespace: str = "") -> Iterator[Node]:
     import rclpy
     from rclpy.node import Node as RosNode
 
-    from tactile_dynamics_ros.ros.executable import start_tool
+    from tactile_dynamics_ros.ros.startup import start_tool
 
     start_tool()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))

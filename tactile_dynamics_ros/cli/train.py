@@ -20,7 +20,7 @@ _MOST_HELD_OUT = 400
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
     """Add the verb."""
-    parser = verbs.add_parser("train", help="retrain shipped networks on what is simulated")
+    parser = verbs.add_parser("train")
     parser.add_argument("what", choices=["biotac", "pushing"], help="what to train")
     parser.add_argument("--seed", type=SEED, default=0, help="of units, presses and weights (0)")
     parser.add_argument(

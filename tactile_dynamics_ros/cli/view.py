@@ -45,7 +45,7 @@ SERVICES = {
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
     """Add the verb."""
-    parser = verbs.add_parser("view", help="live page in the browser; with BAG, of a recording")
+    parser = verbs.add_parser("view")
     add_recording_arguments(parser, optional=True)
     add_page_arguments(parser)
     parser.set_defaults(run=run)

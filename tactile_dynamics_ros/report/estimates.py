@@ -11,7 +11,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import PARAMETER_NAMES
+from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import (
+    PARAMETER_NAMES,
+    describe_parameter,
+)
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     InertialParameters,
     com_inertia_jacobian,
@@ -108,6 +111,11 @@ PANELS = (
     ("moments of inertia", "kg mm²", 1e6, (4, 6, 9)),
     ("products of inertia", "kg mm²", 1e6, (5, 7, 8)),
 )
+SHOWN_PARAMETERS = tuple(
+    (describe_parameter(name), *{"m": (1e3, "g"), "c": (1e3, "mm"), "i": (1e6, "kg mm²")}[name[0]])
+    for name in PARAMETER_NAMES
+)
+"""Of each of PARAMETER_NAMES in a table: words, factor to its unit, unit."""
 LABELS = ("mass", "x", "y", "z", "xx", "xy", "yy", "xz", "yz", "zz")
 LINE_COLOURS = (INK, *AXIS_COLOURS.values())
 _SETTLED_SHARE = 0.2

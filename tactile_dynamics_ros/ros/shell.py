@@ -24,7 +24,6 @@ from std_srvs.srv import Trigger
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
 from tactile_dynamics_ros.ros.background import abandon_all
 from tactile_dynamics_ros.ros.diagnostics import Faults
-from tactile_dynamics_ros.ros.executable import introduce, start_ros
 from tactile_dynamics_ros.ros.inputs import RIVAL_SPAN, Inputs, Need, Numbers
 from tactile_dynamics_ros.ros.listening import (
     REQUESTS,
@@ -36,6 +35,7 @@ from tactile_dynamics_ros.ros.listening import (
     take_messages,
 )
 from tactile_dynamics_ros.ros.parameters import AnsweringNode, refuse_unknown
+from tactile_dynamics_ros.ros.startup import introduce, start_ros
 from tactile_dynamics_ros.ros.wire import decoder_of
 from tactile_dynamics_ros.stopping import TIME_TO_END, Stopped, StopRequest
 

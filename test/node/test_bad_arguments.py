@@ -10,7 +10,7 @@ import pytest
 from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.nodes import biotac_force
-from tactile_dynamics_ros.ros.executable import start_ros
+from tactile_dynamics_ros.ros.startup import start_ros
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,8 @@ import tactile_dynamics_ros
 from tactile_dynamics_ros.cli.bringup import configuration_files, nodes_of, read_configuration
 from tactile_dynamics_ros.cli.live import node_names
 from tactile_dynamics_ros.ros import shell
-from tactile_dynamics_ros.ros.executable import introduce
 from tactile_dynamics_ros.ros.parameters import refuse_unknown
+from tactile_dynamics_ros.ros.startup import introduce
 
 CONFIG = Path(tactile_dynamics_ros.__file__).parents[1] / "config"
 SUFFIX = ".simulated.yaml"

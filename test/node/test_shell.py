@@ -12,8 +12,8 @@ import pytest
 from geometry_msgs.msg import PoseStamped, Vector3Stamped
 
 from tactile_dynamics_ros.ros import shell, wire
-from tactile_dynamics_ros.ros.executable import introduce
 from tactile_dynamics_ros.ros.inputs import Need
+from tactile_dynamics_ros.ros.startup import introduce
 
 
 def test_a_node_that_skims_reads_only_the_newest_where_that_is_allowed(bench, monkeypatch):

@@ -21,7 +21,7 @@ from tactile_dynamics_ros.cli.bringup import (
     read_switch,
     write_parameters,
 )
-from tactile_dynamics_ros.cli.main import build_parser, load_modules
+from tactile_dynamics_ros.cli.main import build_parser
 from tactile_dynamics_ros.core.errors import BadInputError
 
 ROOT = Path(bringup.__file__).parents[2]
@@ -199,7 +199,7 @@ def test_launch_is_of_a_real_robot_unless_a_simulation_is_asked_for(launch_file)
     config = ROOT / "config" / "allegro_iiwa.yaml"
     assert list(nodes) == nodes_of(config, simulate=False)
     assert "robot_sim" not in nodes
-    given = build_parser(load_modules()).parse_args(["up"])
+    given = build_parser().parse_args(["up"])
     assert read_switch("--simulate", given.simulate) is False
 
 

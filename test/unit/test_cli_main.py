@@ -11,9 +11,9 @@ import pytest
 
 from tactile_dynamics_ros.cli import main as cli
 from tactile_dynamics_ros.cli.domain import private_domain
-from tactile_dynamics_ros.cli.examples import EXAMPLES
 from tactile_dynamics_ros.cli.progress import shown_progress
 from tactile_dynamics_ros.cli.supervisor import node_command, verb_command
+from tactile_dynamics_ros.cli.verbs import VERBS, Verb
 from tactile_dynamics_ros.core.errors import (
     BadInputError,
     NotIdentifiableError,
@@ -39,7 +39,9 @@ def verb(run):
 
 
 def call(monkeypatch, run, *arguments):
-    monkeypatch.setattr(cli, "load_modules", lambda: [verb(run)])
+    name = "tactile_dynamics_ros.cli.work"
+    monkeypatch.setitem(sys.modules, name, verb(run))
+    monkeypatch.setitem(VERBS, "work", Verb("work", "works", ()))
     return cli.main(["work", *arguments])
 
 
@@ -69,7 +71,7 @@ def test_every_verb_takes_json(monkeypatch):
 
 
 def test_all_verbs_have_help_and_json():
-    parser = cli.build_parser(cli.load_modules())
+    parser = cli.build_parser()
     verbs = parser._subparsers._group_actions[0].choices
     assert {"demo", "sim", "run", "up", "echo", "record", "probe", "estimate"} <= set(verbs)
     for sub in verbs.values():
@@ -77,13 +79,22 @@ def test_all_verbs_have_help_and_json():
 
 
 def verbs():
-    return cli.build_parser(cli.load_modules())._subparsers._group_actions[0].choices
+    return cli.build_parser()._subparsers._group_actions[0].choices
+
+
+def test_parsers_are_made_without_what_only_some_verbs_need():
+    """`--help` comes at once, and files are read where ROS cannot be imported."""
+    program = (
+        "import sys; from tactile_dynamics_ros.cli.main import build_parser; build_parser(); "
+        "print(*{'rclpy', 'matplotlib', 'torch', 'pybullet', 'viser'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.stdout.split() == [], done.stderr
 
 
 def test_every_verb_shows_examples_that_it_takes():
-    parser = cli.build_parser(cli.load_modules())
-    assert set(EXAMPLES) == set(verbs())
-    for name, examples in EXAMPLES.items():
+    parser = cli.build_parser()
+    for name, (_, _, examples) in VERBS.items():
         help_text = " ".join(verbs()[name].format_help().split())
         for example in examples:
             assert f"tactile-dynamics {example}" in help_text
@@ -146,7 +157,8 @@ def test_bash_completes_verbs_options_and_choices(capsys):
         script
         + """
         ask() {
-            COMP_WORDS=("$@") COMP_CWORD=$(($# - 1)); _tactile_dynamics; echo "${COMPREPLY[@]}"
+            COMP_WORDS=("$@") COMP_CWORD=$(($# - 1)); _shtab_tactile_dynamics
+            echo "${COMPREPLY[@]}"
         }
         ask tactile-dynamics diag
         ask tactile-dynamics estimate --eff
@@ -159,7 +171,7 @@ def test_bash_completes_verbs_options_and_choices(capsys):
     done = subprocess.run(["bash", "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines() == [
         "diagnose",
-        "--effect-file --effects",
+        "--effects --effect-file",
         "inertial_estimator",
         "explain",
         "sloshing_mass",
@@ -267,7 +279,7 @@ def test_demo_summary_is_plain_json_text():
     ("verb", "option"), [("synthetic pushed out.mcap", "effect"), ("diagnose run.mcap", "effects")]
 )
 def test_an_option_for_effects_that_is_given_twice_adds_to_the_first(verb, option):
-    parser = cli.build_parser(cli.load_modules())
+    parser = cli.build_parser()
     given = f"{verb} --{option} support_tilt --{option} magnet,caster"
     named = getattr(parser.parse_args(given.split()), option)
     assert named == "support_tilt,magnet,caster"

@@ -9,7 +9,7 @@ import pytest
 from benchmarks.docs.__main__ import follow, summary
 from benchmarks.docs.pages import ROOT, blocks, commands, pages
 from benchmarks.docs.session import Session
-from tactile_dynamics_ros.cli.main import build_parser, load_modules
+from tactile_dynamics_ros.cli.main import build_parser
 
 COMMAND = """#!/bin/bash
 case "$1" in
@@ -70,7 +70,7 @@ def test_commands_are_collected_in_order_without_prompts_and_comments(tmp_path):
 def test_every_documented_command_has_options_that_exist(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("my_run").touch()  # `import` tells a file from a form by its being there
-    parser = build_parser(load_modules())
+    parser = build_parser()
     for block in blocks(page):
         for command in commands(block):
             words = shlex.split(command.text.partition(" >")[0])

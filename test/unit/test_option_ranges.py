@@ -12,7 +12,7 @@ import pytest
 
 from tactile_dynamics_ros.cli.demo import DURATION
 from tactile_dynamics_ros.cli.live import MAGNITUDE, PACE
-from tactile_dynamics_ros.cli.main import build_parser, load_modules, main
+from tactile_dynamics_ros.cli.main import build_parser, main
 from tactile_dynamics_ros.core.manipulation.excitation import ExcitationConfig
 from tactile_dynamics_ros.core.options import (
     COUNT,
@@ -99,7 +99,7 @@ def options(
     parser: argparse.ArgumentParser | None = None, words: str = ""
 ) -> Iterator[tuple[str, argparse.Action]]:
     """Options of every verb and of every form that a verb has, with what is typed before them."""
-    for action in (parser or build_parser(load_modules()))._actions:
+    for action in (parser or build_parser())._actions:
         if isinstance(action, argparse._SubParsersAction):
             for name, form in action._name_parser_map.items():
                 yield from options(form, f"{words} {name}".strip())

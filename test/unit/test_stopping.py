@@ -107,7 +107,7 @@ def test_a_node_is_stopped_while_it_loads_its_libraries(by):
 
 @pytest.mark.parametrize(("verb", "code"), [("up", 0), ("run", 0), ("estimate", 130)])
 def test_a_verb_that_runs_nodes_ends_with_0_while_it_loads(monkeypatch, verb, code):
-    monkeypatch.setattr(main, "load_modules", lambda: signal.raise_signal(signal.SIGINT))
+    monkeypatch.setattr(main, "build_parser", lambda _: signal.raise_signal(signal.SIGINT))
     assert main.main([verb]) == code
 
 

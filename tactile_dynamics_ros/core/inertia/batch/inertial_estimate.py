@@ -38,6 +38,21 @@ about the centre of mass; the matrix column by column, as in `inertia_vector`. T
 and `/diagnostics` use them. Another order would name a moment by a product; another name breaks
 what reads them."""
 
+
+def describe_parameter(name: str) -> str:
+    """Return one of PARAMETER_NAMES in words.
+
+    >>> describe_parameter("inertia_xx"), describe_parameter("com_y")
+    ('inertia about x', 'centre of mass along y')
+    """
+    kind, _, axes = name.partition("_")
+    if kind == "mass":
+        return "mass"
+    if kind == "com":
+        return f"centre of mass along {axes}"
+    return f"inertia about {axes[0]}" if axes[0] == axes[1] else f"product of inertia {axes}"
+
+
 _STEP = 1e-4
 """Step of central differences of the load after an event, in shares of each parameter: products of
 three of them, so that the error is 1e-8. Larger bends, smaller rounds."""

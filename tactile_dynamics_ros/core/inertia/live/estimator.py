@@ -160,7 +160,8 @@ class IncrementalInertialEstimator:
     def _revise(self, arrived: int) -> None:
         """Process the kept samples again if their whitening assumed quite another body."""
         if self._successor is not None:
-            self._successor.advance(self._config.replay_batch + arrived)
+            # Twice what arrived: it catches up however rarely updates come.
+            self._successor.advance(self._config.replay_batch + 2 * arrived)
             if self._successor.is_current:
                 self._successor.resume()
                 self._model, self._successor = self._successor, None

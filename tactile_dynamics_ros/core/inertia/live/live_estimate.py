@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import (
     PARAMETER_NAMES,
     InertialEstimate,
+    describe_parameter,
 )
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     com_inertia_jacobian,
@@ -25,13 +26,6 @@ _IDENTIFIED = 4.0
 """Prior over posterior variance above which a direction is identified: the standard deviation has
 been halved, as `uncertainty._OPEN` asks of a recording. Lower, noise counts as an estimate sooner;
 higher, the status says "unknown" for longer."""
-_WORDS = {
-    "mass": "mass",
-    "com": "centre of mass along",
-    "inertia": "inertia about",
-    "product": "product of inertia",
-}
-"""Plain words for the first parts of PARAMETER_NAMES. Words for people, no number."""
 
 
 MISFIT = 1.5
@@ -122,19 +116,9 @@ class LiveEstimate(InertialEstimate):
     @property
     def remarks(self) -> tuple[str, ...]:
         """One plain sentence per parameter that the motion so far does not determine."""
-        return tuple(f"{describe(name)}: not excited by this motion" for name in self.not_excited)
-
-
-def describe(parameter: str) -> str:
-    """Plain words for one of PARAMETER_NAMES.
-
-    >>> describe("inertia_xx"), describe("com_y")
-    ('inertia about x', 'centre of mass along y')
-    """
-    kind, _, axes = parameter.partition("_")
-    if kind == "inertia" and axes[0] != axes[1]:
-        return f"{_WORDS['product']} {axes}"
-    return f"{_WORDS[kind]} {axes[:1]}".strip()
+        return tuple(
+            f"{describe_parameter(name)}: not excited by this motion" for name in self.not_excited
+        )
 
 
 def data_directions(mapped: Array, data: Array, prior: Array) -> tuple[Direction, ...]:
