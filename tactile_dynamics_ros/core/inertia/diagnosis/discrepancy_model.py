@@ -40,7 +40,6 @@ from tactile_dynamics_ros.core.inertia.diagnosis.quick_fit import (
     Whitening,
     extended_system,
 )
-from tactile_dynamics_ros.core.inertia.diagnosis.separating_motion import plan_separation
 from tactile_dynamics_ros.core.inertia.diagnosis.tare import describe_zero, was_tared
 from tactile_dynamics_ros.core.inertia.diagnosis.term_library import wrench_residuals, wrench_terms
 from tactile_dynamics_ros.core.inertia.diagnosis.twins import imitators
@@ -396,4 +395,6 @@ class HeldObjectModel(LeastSquaresModel[Effect]):
 
     def plan_against(self, rivals: Sequence[HeldObjectModel]) -> dict[str, Any] | None:
         """Plan of the motion or re-grasp that would tell this model from others."""
+        from tactile_dynamics_ros.core.inertia.diagnosis.separating_motion import plan_separation
+
         return plan_separation(self, rivals)
