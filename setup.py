@@ -19,6 +19,7 @@ NODES = (
     "robot_sim",
     "shape_estimator",
     "vision_tracker",
+    "wrench_compensator",
 )
 
 

@@ -15,7 +15,19 @@ from tactile_dynamics_ros.core.inertia.live import LiveEstimate
 from tactile_dynamics_ros.core.inertia.live.live_estimate import Level, Verdict
 from tactile_dynamics_ros.core.planar.filter.live import LiveProperties
 from tactile_dynamics_ros.core.planar.filter.summary import Properties, vague_effects
-from tactile_dynamics_ros.ros.diagnostics import OK, Statuses, effect_status, status_message
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
+    InertialParameters,
+    KnownBody,
+    com_inertia_jacobian,
+    inertia_matrix,
+)
+from tactile_dynamics_ros.ros.diagnostics import (
+    OK,
+    Statuses,
+    effect_status,
+    status_message,
+    to_number,
+)
 from tactile_dynamics_ros.ros.object_state import ObjectState
 
 Array = NDArray[np.float64]
@@ -137,6 +149,37 @@ def read_inertia_status(statuses: Sequence[Any]) -> InertiaStatus:
         value=read.numbers("parameters", PARAMETER_NAMES),
         std=read.numbers("parameters", [f"{name}_std" for name in PARAMETER_NAMES]),
     )
+
+
+def body_of_status(read: Statuses) -> tuple[KnownBody | None, str]:
+    """Return what inertial_estimator knows of what is carried, and why not to believe it.
+
+    Standard deviations of mass, centre and inertia about it are taken as independent.
+
+    Args:
+        read: statuses of a message of inertial_estimator.
+    """
+    value = read.numbers("parameters", PARAMETER_NAMES)
+    std = read.numbers("parameters", [f"{name}_std" for name in PARAMETER_NAMES])
+    good = read.level("parameters") == OK
+    if not (np.isfinite(value).all() and np.isfinite(std).all()):
+        return None, read.text("parameters") or "no estimate of the load yet"
+    phi = InertialParameters(value[0], value[1:4], inertia_matrix(value[4:])).dynamic_parameters
+    to_phi = np.linalg.inv(com_inertia_jacobian(phi))
+    effects = {name: _effect_values(read, name) for name in read.words("solver", "effects")}
+    covariance = (to_phi * std**2) @ to_phi.T
+    known = KnownBody(phi, covariance, "inertial_estimator", (), effects)
+    return known, "" if good else read.text("parameters")
+
+
+def _effect_values(read: Statuses, effect: str) -> dict[str, dict[str, float]]:
+    """Return value by parameter, as `effect_status` wrote them."""
+    found: dict[str, dict[str, float]] = {}
+    for key, text in read.values(f"effect {effect}").items():
+        name = key.removeprefix(f"{effect}.")
+        if not name.endswith(("_std", "_unit")):
+            found[name] = {"value": to_number(text)}
+    return found
 
 
 def property_status(
