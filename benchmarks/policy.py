@@ -28,6 +28,8 @@ BESIDE = {
     names.OBJECT_FOOTPRINT: {"object/*/footprint"},
 }
 """What is used beside a topic if an object has several parts, and where tf2_msgs is installed."""
+ON_ITS_OWN = ("wrench_compensator",)
+"""Nodes of no shipped configuration, which people start beside one."""
 SECRET = names.REVEAL
 """Service that tells the truth of a simulation: of use to demonstrations alone."""
 
@@ -83,6 +85,12 @@ def accesses() -> dict[str, Access]:
             found[name].add(node)
             node.destroy_node()
             rclpy.shutdown()
+    for name in ON_ITS_OWN:
+        rclpy.init(args=[])
+        node = node_class(name)()
+        found[name].add(node)
+        node.destroy_node()
+        rclpy.shutdown()
     simulated, nodes = found["robot_sim"], list(found.values())
     moves = {names.EMERGENCY_STOP, names.GOAL_POSE}
     found["robot"] = Access(simulated.publish - {names.CLOCK}, set(simulated.subscribe))

@@ -7,7 +7,6 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped, WrenchStamped
 from numpy.typing import NDArray
 from sensor_msgs.msg import Imu
@@ -18,28 +17,24 @@ from tactile_dynamics_ros.core.inertia.compensation import (
     Compensated,
     Compensator,
     ContactWrenches,
-    Load,
 )
 from tactile_dynamics_ros.core.inertia.compensation.causal_motion import CausalMotion, FeltMotion
 from tactile_dynamics_ros.core.streams.streams import ContactSample
-from tactile_dynamics_ros.recording.yaml_files import read_body
+from tactile_dynamics_ros.ros.carried_load import CarriedLoad
 from tactile_dynamics_ros.ros.contact_assembly import ContactAssembly
 from tactile_dynamics_ros.ros.conversions import MessageError, wrench_to_message
-from tactile_dynamics_ros.ros.diagnostics import Statuses
 from tactile_dynamics_ros.ros.inputs import Need
 from tactile_dynamics_ros.ros.names import (
     COMPENSATED,
     COMPENSATED_STD,
     COMPENSATED_VALID,
     CONTACTS,
-    ESTIMATOR_STATUS,
     OBJECT_IMU,
     OBJECT_POSE,
 )
 from tactile_dynamics_ros.ros.parameters import declare_config
-from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
+from tactile_dynamics_ros.ros.shell import Shell, run_node
 from tactile_dynamics_ros.ros.stated_noise import read_tracked_pose
-from tactile_dynamics_ros.ros.statuses import body_of_status
 from tactile_dynamics_ros.ros.stream_clock import StreamClock
 from tactile_dynamics_ros.ros.wire import Stamped
 
@@ -68,25 +63,11 @@ class CompensatorConfig:
     contacts: tuple[str, ...] = parameter(
         CONTACTS, "names of the contacts on contact/<name>: fingers, or one wrist sensor"
     )
-    load: str = parameter(
-        "", "file of what is carried, as estimate --save; empty: of inertial_estimator"
-    )
     imu: bool = parameter(
         False, "take accelerations from object/imu, at the origin and in the axes of object/pose"
     )
     sensor_frame: str = parameter(
         "", "frame in the header of the wrenches; empty: contact/<name>, or object of fingers"
-    )
-
-
-@dataclass(frozen=True)
-class LearningConfig:
-    """Whether the load may change."""
-
-    learn: bool = parameter(
-        True,
-        "whether the newest estimate is taken over, and has to be adequate now; false keeps the "
-        "load as it is: set it before contact, which spoils estimates",
     )
 
 
@@ -104,15 +85,9 @@ class WrenchCompensatorNode(Shell):
         super().__init__("wrench_compensator")
         config = declare_config(self, CompensatorConfig)
         self._config = config
-        self._learning = declare_config(
-            self, LearningConfig, live=["learn"], on_change=self._set_learning
-        )
         self.compensator = Compensator()
         self.compensator.motion = self._new_motion()
-        self._trouble = "no estimate of the load yet"
-        if config.load:
-            self._carry(Load.of_body(read_body(config.load), config.contacts))
-            self._trouble = ""
+        self._load = CarriedLoad(self, config.contacts, self.compensator.set_load)
         one = len(config.contacts) == 1
         self._frame = config.sensor_frame or (f"contact/{config.contacts[0]}" if one else "object")
         self._time = StreamClock(self)
@@ -128,16 +103,10 @@ class WrenchCompensatorNode(Shell):
             ContactAssembly(self, name, self._waiting.append, self._time)
             for name in config.contacts
         ]
-        if not config.load:
-            self.listen(DiagnosticArray, ESTIMATOR_STATUS, self._on_status, LATCHED)
         self._wrench = self.stream(WrenchStamped, COMPENSATED)
         self._std = self.stream(WrenchStamped, COMPENSATED_STD)
         self._valid = self.latched(Bool, COMPENSATED_VALID)
         self.every(LOOK, self._look)
-
-    def _set_learning(self, config: LearningConfig) -> str:
-        self._learning = config
-        return "the newest estimate is used" if config.learn else "the load is kept as it is"
 
     def _new_motion(self) -> CausalMotion:
         return FeltMotion() if self._config.imu else CausalMotion()
@@ -158,21 +127,6 @@ class WrenchCompensatorNode(Shell):
             raise MessageError("not_finite", f"{OBJECT_IMU}: {force.tolist()}, expected numbers")
         assert isinstance(motion, FeltMotion)
         motion.feel(self._time.admit(message.header.stamp, OBJECT_IMU), force)
-
-    def _on_status(self, message: DiagnosticArray) -> None:
-        """Take over the newest estimate, if it is one to be believed."""
-        if not self._learning.learn:
-            return
-        known, trouble = body_of_status(Statuses(message.status))
-        self._trouble = trouble
-        if known is not None and not trouble:
-            self._carry(Load.of_body(known, self._config.contacts))
-
-    def _carry(self, load: Load) -> None:
-        self.compensator.set_load(load)
-        left = ", ".join(load.uncompensated) or "none"
-        self.faults.show("load", f"{load.body.phi[0]:.4g} kg of {load.body.name}")
-        self.faults.show("not_compensated", left)
 
     def process(self) -> None:
         """Compensate what was taken together, and say so at once."""
@@ -222,8 +176,8 @@ class WrenchCompensatorNode(Shell):
     def _doubt(self) -> str:
         """Why the wrenches are not to be believed now; empty if they are."""
         load, motion = self.compensator.load, self.compensator.motion
-        if load is None or (self._trouble and self._learning.learn):
-            return self._trouble
+        if load is None or self._load.trouble:
+            return self._load.trouble
         if load.uncompensated:
             return f"{', '.join(load.uncompensated)} cannot be taken out as it comes"
         if not motion.settled or self._time.newest - motion.time > STALE or self._time.is_idle:

@@ -99,7 +99,7 @@ def test_the_running_estimate_is_the_load_until_it_is_kept(bench):
     bench.until(lambda: compensator.compensator.load is not None)
     assert compensator.compensator.load.body.phi[0] == pytest.approx(MASS, rel=0.02)
     assert node.estimator is not None
-    compensator._set_learning(replace(compensator._learning, learn=False))
+    compensator._load.learning = False
     kept = compensator.compensator.load
-    compensator._on_status(DiagnosticArray())
+    compensator._load._on_status(DiagnosticArray())
     assert compensator.compensator.load is kept

@@ -170,6 +170,10 @@ ROOMS = {
         "`estimate.py`, the door to an estimate",
         ("core/effects", _INERTIA + "batch", _INERTIA + "diagnosis", "core/shape", "core/streams"),
     ),
+    _INERTIA + "compensation": Room(
+        "the wrench of the world on what is carried",
+        ("core/contact", "core/effects", "core/rigid_body"),
+    ),
     _INERTIA + "live": Room(
         "estimates while measurements come",
         ("core/contact", "core/effects", "core/inertia", _INERTIA + "batch")
@@ -227,6 +231,7 @@ ROOMS = {
             "core/contact",
             "core/friction",
             _INERTIA + "batch",
+            _INERTIA + "compensation",
             _INERTIA + "diagnosis",
             _INERTIA + "live",
             "core/discrepancy",
@@ -259,6 +264,7 @@ ROOMS = {
     "nodes": Room(
         "one file per executable: parameters, subscriptions, publishers",
         ("core/contact", "core/discrepancy", "core/friction", _INERTIA + "diagnosis")
+        + (_INERTIA + "compensation",)
         + (_INERTIA + "live", "core/manipulation", "core/rigid_body", "core/robot", "core/shape")
         + ("core/planar/actions", "core/planar/control", "core/planar/filter")
         + ("core/planar/mechanics", "core/planar/network", "core/planar/properties")
