@@ -38,6 +38,8 @@ from tactile_dynamics_ros.synthetic.recordings import generate
 
 FIRST_SEED = 64000
 """Seeds from here on were not used for tuning."""
+KINDS = ("wrist:100", "wrist:250", "wrist:1000", "fingers:100", "fingers:1000")
+"""Sensors and the rate of their forces, Hz; poses of fingers come at 100 Hz."""
 LEARNT, SCORED = 15.0, 15.0
 """Spans from which the load is estimated and on which it is scored, s."""
 SETTLED = 0.5
@@ -221,17 +223,21 @@ def _carried(plain: Compensated, seen: ContactWrenches, load: Load) -> np.ndarra
     return np.asarray(own)
 
 
-def recordings(seeds: Sequence[int]) -> Iterator[tuple[str, float, int, Streams]]:
-    """A wrist sensor whose zero is off at three rates, and four fingers."""
+def recordings(
+    seeds: Sequence[int], kinds: Sequence[str]
+) -> Iterator[tuple[str, float, int, Streams]]:
+    """A wrist sensor whose zero is off, and four fingers, each with the rate of its forces."""
     for seed in seeds:
-        for rate in (100.0, 250.0, 1000.0):
-            options = WristOptions(duration=LEARNT + SCORED, rate_hz=rate, bias_n=4.0, bias_nm=0.1)
-            yield "wrist", rate, seed, wrist_table(seed, options)[0].streams()
-        scenario = ScenarioOptions(duration=LEARNT + SCORED)
-        for rate in (100.0, 1000.0):
-            sensors = SensorOptions(force_rate_hz=rate, pose_rate_hz=100.0)
-            made = generate(seed, {}, scenario, sensors)
-            yield "fingers", rate, seed, made.streams
+        for kind, rate in ((name, float(hz)) for name, hz in (k.split(":") for k in kinds)):
+            if kind == "wrist":
+                options = WristOptions(
+                    duration=LEARNT + SCORED, rate_hz=rate, bias_n=4.0, bias_nm=0.1
+                )
+                yield kind, rate, seed, wrist_table(seed, options)[0].streams()
+            else:
+                sensors = SensorOptions(force_rate_hz=rate, pose_rate_hz=100.0)
+                scenario = ScenarioOptions(duration=LEARNT + SCORED)
+                yield kind, rate, seed, generate(seed, {}, scenario, sensors).streams
 
 
 def real(folder: Path) -> Iterator[Row]:
@@ -308,17 +314,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seeds", type=int, default=5, help="recordings of each kind")
     parser.add_argument("--data", type=Path, help="folder that holds kuka_ft_imu, scored too")
     parser.add_argument("--json", action="store_true", help="print only JSON on stdout")
+    parser.add_argument("--kinds", nargs="+", default=KINDS, help="sensors and their rate, Hz")
     options = parser.parse_args(arguments)
     rows = []
-    for kind, rate, seed, streams in recordings(
-        range(options.start, options.start + options.seeds)
-    ):
+    seeds = range(options.start, options.start + options.seeds)
+    for kind, rate, seed, streams in recordings(seeds, options.kinds):
         rows.append(measure(kind, rate, seed, streams))
         print(rows[-1], file=sys.stderr)
     if options.data is not None:
         rows += real(options.data / "kuka_ft_imu")
     if options.json:
-        print(json.dumps([vars(row) for row in rows]))
+        print(
+            json.dumps(
+                [
+                    {k: v if isinstance(v, str) else float(v) for k, v in vars(row).items()}
+                    for row in rows
+                ]
+            )
+        )
     else:
         print("\n".join(table(rows)))
     return 0
