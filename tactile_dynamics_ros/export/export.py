@@ -6,14 +6,17 @@ import json
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
-from tactile_dynamics_ros.export import export as blocks
 
 Writer = Callable[[InertialParameters, str, list[str], bool], str]
 """(body, name, remarks, whether the inertia is known) -> text."""
 
+STANDARD_GRAVITY = 9.81
+"""m/s^2 by which a mass is written as a weight: that of the estimates, so that it cancels."""
 _DIGITS = 12
 """Significant digits of a number: a body that can exist stays one, and a body read back differs
 by 1e-12 of its size. With six, flat bodies whose largest moment is the sum of the others may break
@@ -98,6 +101,62 @@ def franka(body: InertialParameters, name: str, remarks: list[str], known: bool)
     return "\n".join([*lines, *(f"{key}: {value}" for key, value in request.items())])
 
 
+def xarm(body: InertialParameters, name: str, remarks: list[str], known: bool) -> str:
+    """Return the request of xarm_msgs/srv/SetTcpLoad as yaml; its centre of mass is in mm."""
+    lines = [f"# {remark}" for remark in [*remarks, "weight in kg, center_of_gravity in mm"]]
+    request = [f"weight: {_number(body.mass)}", f"center_of_gravity: {_listed(1e3 * body.com)}"]
+    return "\n".join([*lines, *request])
+
+
+def kuka(body: InertialParameters, name: str, remarks: list[str], known: bool) -> str:
+    """Return KRL's LOAD: kg; centre in mm; principal axes as Z-Y-X angles, deg; kg m^2 about them.
+
+    R = R_z(A) R_y(B) R_x(C), whose columns are the principal axes in the axes of the flange.
+    """
+    moments, axes = np.linalg.eigh(body.inertia_com)
+    axes = axes * np.sign(np.linalg.det(axes))
+    a, b, c = (
+        np.arctan2(axes[1, 0], axes[0, 0]),
+        np.arctan2(-axes[2, 0], np.hypot(axes[0, 0], axes[1, 0])),
+        np.arctan2(axes[2, 1], axes[2, 2]),
+    )
+    centre = _named("XYZ", 1e3 * body.com) + "," + _named("ABC", np.degrees([a, b, c]))
+    load = f"{{M {_number(body.mass)},CM {{{centre}}},J {{{_named('XYZ', moments)}}}}}"
+    return "\n".join([*(f"; {remark}" for remark in remarks), f"DECL LOAD {name}={load}"])
+
+
+def control_toolbox(body: InertialParameters, name: str, remarks: list[str], known: bool) -> str:
+    """Return parameters of control_filters/GravityCompensation, without its frames."""
+    lines = [
+        *(f"# {remark}" for remark in remarks),
+        "sensor_frame: FILL_IN",
+        "world_frame: FILL_IN",
+    ]
+    tool = [f"  mass: {_number(body.mass)}", f"  pos: {_listed(body.com)}"]
+    return "\n".join([*lines, "tool:", *tool, f"  gravity_field: [0.0, 0.0, {-STANDARD_GRAVITY}]"])
+
+
+def admittance_controller(
+    body: InertialParameters, name: str, remarks: list[str], known: bool
+) -> str:
+    """Return `gravity_compensation` of ros2_controllers' admittance controller: weight in N."""
+    return "\n".join(
+        [
+            *(f"# {remark}" for remark in remarks),
+            "gravity_compensation:",
+            "  frame: {id: FILL_IN}",
+            "  CoG:",
+            f"    pos: {_listed(body.com)}",
+            f"    force: {_number(STANDARD_GRAVITY * body.mass)}",
+        ]
+    )
+
+
+def _named(names: str, values: Iterable[float]) -> str:
+    """Return components as KRL writes them."""
+    return ",".join(f"{key} {_number(float(v))}" for key, v in zip(names, values, strict=True))
+
+
 def _six(body: InertialParameters) -> list[tuple[str, float]]:
     """Return the upper triangle of the inertia about the centre of mass by name, row by row."""
     axes = "xyz"
@@ -134,18 +193,24 @@ def _comment(remarks: list[str]) -> list[str]:
     return ["  <!--", *(f"    {remark.replace('--', '- -')}" for remark in remarks), "  -->"]
 
 
-FORMATS: dict[str, blocks.Writer] = {
-    "urdf": blocks.urdf,
-    "sdf": blocks.sdf,
-    "mjcf": blocks.mjcf,
-    "ur": blocks.ur,
-    "franka": blocks.franka,
+FORMATS: dict[str, Writer] = {
+    "urdf": urdf,
+    "sdf": sdf,
+    "mjcf": mjcf,
+    "ur": ur,
+    "franka": franka,
+    "xarm": xarm,
+    "kuka": kuka,
+    "control_toolbox": control_toolbox,
+    "admittance_controller": admittance_controller,
 }
 """Writer of each format."""
-_WITHOUT_INERTIA = ("ur",)
+_WITHOUT_INERTIA = ("ur", "xarm", "control_toolbox", "admittance_controller")
 """Formats that take mass and centre of mass without an inertia."""
-_ON_FLANGE = ("ur", "franka")
-"""Formats of robots, whose numbers are in the axes of the flange."""
+_FRAME = dict.fromkeys(("ur", "franka", "xarm", "kuka"), "the robot's flange") | dict.fromkeys(
+    ("control_toolbox", "admittance_controller"), "the force sensor's frame, named below"
+)
+"""What the frame of the object's pose has to be for robots and controllers."""
 
 
 @dataclass(frozen=True)
@@ -209,7 +274,7 @@ def _require_known(estimate: InertialEstimate, form: str) -> None:
         return
     hint = ""
     if all(name.startswith("inertia") for name in needed):
-        hint = f"; {', '.join(_WITHOUT_INERTIA)} takes mass and centre of mass alone"
+        hint = f"; {', '.join(_WITHOUT_INERTIA)} take mass and centre of mass alone"
     raise NotIdentifiableError(
         f"export {form}: this recording does not tell {', '.join(needed)}, and a presumed value is "
         f"no estimate; turn and shake the object about all axes{hint}"
@@ -228,8 +293,8 @@ def _remarks(estimate: InertialEstimate, source: str, form: str) -> list[str]:
         f"inertia {moments} kg m^2",
         "frame: that of the object's pose in the recording; inertia about the centre of mass",
     ]
-    if form in _ON_FLANGE:
-        lines.append("valid only if that frame is the robot's flange")
+    if form in _FRAME:
+        lines.append(f"valid only if that frame is {_FRAME[form]}")
     return lines
 
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
+from scipy.spatial.transform import Rotation
 from synthetic_recording import held_box
 
 import tactile_dynamics_ros as td
@@ -120,15 +121,45 @@ def test_the_request_of_franka_is_yaml_with_a_matrix(estimate):
     check(estimate.inertia, request["mass"], request["center_of_mass"], inertia)
 
 
+def test_the_request_of_xarm_is_in_kilograms_and_millimetres(estimate):
+    request = yaml.safe_load(export(estimate, "xarm").text)
+    assert request["weight"] == pytest.approx(estimate.inertia.mass)
+    np.testing.assert_allclose(request["center_of_gravity"], 1e3 * estimate.inertia.com)
+
+
+def test_the_load_of_kuka_has_principal_axes(estimate):
+    text = export(estimate, "kuka").text
+    mass, *values = map(float, re.findall(r"[MXYZABC] (-?[\d.e-]+)[,}]", text.splitlines()[-1]))
+    centre, (a, b, c), moments = values[:3], np.radians(values[3:6]), values[6:]
+    turn = Rotation.from_euler("ZYX", [a, b, c]).as_matrix()
+    inertia = turn @ np.diag(moments) @ turn.T
+    check(estimate.inertia, mass, 1e-3 * np.array(centre), inertia)
+
+
+def test_controllers_get_mass_or_weight_and_the_centre_in_metres(estimate):
+    body = estimate.inertia
+    found = yaml.safe_load(export(estimate, "control_toolbox").text)["tool"]
+    weight = -found["mass"] * found["gravity_field"][2]
+    np.testing.assert_allclose(found["pos"], body.com)
+    centre = yaml.safe_load(export(estimate, "admittance_controller").text)
+    found = centre["gravity_compensation"]["CoG"]
+    assert found["force"] == pytest.approx(weight) == pytest.approx(9.81 * body.mass)
+    np.testing.assert_allclose(found["pos"], body.com)
+
+
 @pytest.mark.parametrize("form", FORMATS)
 def test_what_a_recording_does_not_tell_is_not_written(estimate, form):
     flat = replace(estimate, not_excited=("inertia_xz", "inertia_zz"))
-    if form == "ur":
+    if form in ("xarm", "control_toolbox", "admittance_controller"):
+        assert "inertia, which this recording does not tell" in export(flat, form).left_out
+    elif form == "ur":
         made = export(flat, form)
         assert made.text.splitlines()[-1].count("[") == 1
         assert "inertia, which this recording does not tell" in made.left_out
     else:
-        with pytest.raises(NotIdentifiableError, match="inertia_xz, inertia_zz.*ur takes mass"):
+        with pytest.raises(
+            NotIdentifiableError, match="inertia_xz, inertia_zz.*ur, xarm, .* take mass"
+        ):
             export(flat, form)
     with pytest.raises(NotIdentifiableError, match="does not tell com_z"):
         export(replace(estimate, not_excited=("com_z",)), form)

@@ -28,7 +28,7 @@ no other laws."""
 _LATER = 100.0
 """Time by which those samples are shifted, s: whether a law counts time from a beginning."""
 _LEVER = 0.05
-"""Noise of a force/torque sensor's torque over that of its force, m: 0.05 for an ATI Gamma (1/800 N m
+"""Noise of a wrist sensor's torque over that of its force, m: 0.05 for an ATI Gamma (1/800 N m
 and 1/40 N) and a Robotiq FT 300 (5 mN m, 0.1 N), by their data sheets. It weighs torques beside
 forces where a change of the load is looked for, and is part of `wrench_std`."""
 
