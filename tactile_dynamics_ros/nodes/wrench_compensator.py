@@ -40,7 +40,7 @@ from tactile_dynamics_ros.ros.wire import Stamped
 
 Array = NDArray[np.float64]
 
-LOOK = 0.05
+LOOK = 0.1
 """Time between looks at the load, s: a change of it is said that much late at most."""
 REPEAT = 0.5
 """Time after which an unchanged answer is published again, s, so that it is seen to be alive."""
@@ -79,7 +79,7 @@ class WrenchCompensatorNode(Shell):
     origin of the object and in its axes.
     """
 
-    gather = 0.0002
+    gather = 0.0
 
     def __init__(self) -> None:
         super().__init__("wrench_compensator")
