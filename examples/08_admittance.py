@@ -5,7 +5,7 @@
 A load hangs on a wrist sensor in PyBullet. The controller moves the wrist as if it were a mass in
 honey, M a + D v = F, where F is the contact force. A hand pushes for two seconds, then lets go.
 With the sensor's own wrench the load's weight drives the wrist away; with the compensated one it
-stays where the hand has left it.
+stays where the hand has left it. On a robot the node `wrench_compensator` does this.
 """
 
 import argparse
@@ -20,7 +20,7 @@ RATE = 500.0
 LOAD = InertialParameters(1.2, np.array([0.01, -0.02, 0.06]), np.diag([4e-3, 4e-3, 2e-3]))
 MASS, DAMPING = 5.0, 40.0  # of the controller, kg and N s/m
 PUSH = np.array([6.0, 0.0, 3.0])  # of the hand, N
-NOISE_N, NOISE_NM, ZERO_N = 0.05, 0.003, np.array([2.0, -1.0, 3.0])
+NOISE_N, NOISE_NM = 0.05, 0.003  # of the sensor, per axis
 
 
 class Wrist:
@@ -72,17 +72,15 @@ class Wrist:
 def guide(seconds, compensated):
     """Let the hand push for two seconds; return where the wrist is at every step, (N, 3) m."""
     rng, wrist, compensator = np.random.default_rng(0), Wrist(), Compensator()
-    bias = {f"wrist_{axis}": {"value": 0.0} for axis in "xyz"}
-    del bias  # the zero is taken off here; an estimate has it as the effect force_bias
     body = KnownBody(LOAD.dynamic_parameters, 1e-8 * np.eye(10), "tool")
     compensator.set_load(Load.of_body(body, ("wrist",)))
-    contact, places, zeros = np.zeros(3), [], np.zeros((1, 1, 3))
+    contact, places = np.zeros(3), []
     for k in range(round(seconds * RATE)):
         time = k / RATE
         push = PUSH if 3.0 < time < 5.0 else np.zeros(3)
         target = wrist.velocity + (contact - DAMPING * wrist.velocity) / MASS / RATE
         force, torque = wrist.step(target if time > 1.0 else np.zeros(3), push)
-        force = force + ZERO_N + NOISE_N * rng.normal(size=3)
+        force = force + NOISE_N * rng.normal(size=3)
         torque = torque + NOISE_NM * rng.normal(size=3)
         pose = np.eye(4)
         pose[:3, 3] = wrist.place + 2e-5 * rng.normal(size=3)
@@ -90,15 +88,15 @@ def guide(seconds, compensated):
         if compensated:
             seen = ContactWrenches(
                 np.array([time]), ("wrist",), pose[None, None, :3, 3], np.eye(3)[None, None],
-                (force - ZERO_N)[None, None], torque[None, None], np.ones((1, 1), bool),
+                force[None, None], torque[None, None], np.ones((1, 1), bool),
                 np.full((1, 3), NOISE_N),
             )  # fmt: skip
             contact = compensator.compensate(seen).wrench[0, 3:]
         else:
-            contact = -(force - ZERO_N)
+            contact = -force
         places.append(wrist.place.copy())
     pybullet.disconnect(wrist.world)
-    return np.array(places) + zeros[0]
+    return np.array(places)
 
 
 def main(arguments=None):
@@ -109,9 +107,10 @@ def main(arguments=None):
     for name, compensated in (("compensated", True), ("as the sensor reads", False)):
         places = guide(options.seconds, compensated)
         free, left, end = (places[int(t * RATE)] for t in (2.9, 6.0, options.seconds - 0.1))
+        moves = [1e3 * np.linalg.norm(move) for move in (free, left - free, end - left)]
         print(
-            f"{name:20s} before the push {1e3 * np.linalg.norm(free):6.1f} mm, by the push "
-            f"{1e3 * np.linalg.norm(left - free):6.1f} mm, then {1e3 * np.linalg.norm(end - left):6.1f} mm"
+            f"{name:20s} before the push {moves[0]:6.1f} mm, by the push {moves[1]:6.1f} mm, "
+            f"then {moves[2]:6.1f} mm"
         )
 
 

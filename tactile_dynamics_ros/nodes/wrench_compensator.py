@@ -106,7 +106,7 @@ class WrenchCompensatorNode(Shell):
         self._wrench = self.stream(WrenchStamped, COMPENSATED)
         self._std = self.stream(WrenchStamped, COMPENSATED_STD)
         self._valid = self.latched(Bool, COMPENSATED_VALID)
-        self.every(LOOK, self._look)
+        self.every(LOOK, self._say_validity)
 
     def _new_motion(self) -> CausalMotion:
         return FeltMotion() if self._config.imu else CausalMotion()
@@ -161,7 +161,7 @@ class WrenchCompensatorNode(Shell):
                 rows.append((sample.time, dict(self._newest)))
         return _readings(self._config.contacts, rows) if rows else None
 
-    def _look(self) -> None:
+    def _say_validity(self) -> None:
         """Say whether the wrenches are to be believed, and why not."""
         reason = self._doubt()
         self.faults.show("valid", reason or "yes")

@@ -12,9 +12,11 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any
+from typing import NamedTuple
 
 from rclpy.node import Node
+from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
+from rclpy.subscription import Subscription
 
 from tactile_dynamics_ros.ros.object_state import SILENT
 
@@ -30,6 +32,19 @@ PATIENCE = 5.0
 """Silence of a topic that somebody publishes and the node needs, s, after which it is subscribed to
 anew (`second_participant`); each time it did not help twice as long. Shorter subscribes anew while
 a publisher is only about to begin, longer leaves a node deaf for longer."""
+
+
+class Source(NamedTuple):
+    """A publisher.
+
+    Attributes:
+        name: of the node, with its namespace. kind: type of the messages.
+        misfit: why its quality of service does not do; empty if it does.
+    """
+
+    name: str
+    kind: str
+    misfit: str
 
 
 class Need(Enum):
@@ -75,20 +90,22 @@ class Input:
         refused: when a message was last refused. reason: why.
         rivals: until when it is said that two publish at once.
         asked: when it was last asked who publishes.
-        publishers: name of the node and type of each that publishes it, as of then.
+        publishers: who publishes it, as of then.
         renewed: when it was last subscribed to anew. patience: s until it is again.
     """
 
     topic: str
+    full: str
     kind: str
     need: Need
+    profile: QoSProfile
     heard: float
     ever: bool = False
     refused: float = -math.inf
     reason: str = ""
     rivals: float = -math.inf
     asked: float = -math.inf
-    publishers: Sequence[tuple[str, str]] = ()
+    publishers: Sequence[Source] = ()
     renewed: float = -math.inf
     patience: float = PATIENCE
 
@@ -105,7 +122,7 @@ class Input:
         awaited = self.need is Need.ALWAYS or (self.need is Need.ONCE and not self.ever)
         return (
             awaited
-            and any(kind == self.kind for _, kind in self.publishers)
+            and any(one.kind == self.kind and not one.misfit for one in self.publishers)
             and now - max(self.heard, self.refused, self.renewed) > self.patience
         )
 
@@ -119,7 +136,7 @@ class Input:
 
     def trouble(self, now: float) -> str:
         """Return what is wrong with the topic, "" if nothing is."""
-        names = " and ".join(name for name, _ in self.publishers) or "nobody"
+        names = " and ".join(one.name for one in self.publishers) or "nobody"
         if now < self.rivals:
             return (
                 f"{self.topic}: two publishers at once ({names}), nobody can know which is right: "
@@ -129,9 +146,15 @@ class Input:
             return ""
         if now - self.refused <= SILENT:
             return f"{self.topic}: all that comes is refused: {self.reason}"
-        others = [f"{kind} from {name}" for name, kind in self.publishers if kind != self.kind]
+        others = [f"{s.kind} from {s.name}" for s in self.publishers if s.kind != self.kind]
         if others and len(others) == len(self.publishers):
             return f"{self.topic}: expected {self.kind}, found {', '.join(others)}"
+        misfits = [one.misfit for one in self.publishers if one.misfit]
+        if misfits and len(misfits) == len(self.publishers):
+            return (
+                f"{self.topic}: {names} offers less than is asked for ({misfits[0]}); ask for less "
+                f"with the parameters qos_overrides.{self.full}.subscription.*"
+            )
         if self.need is not Need.OPTIONAL and not self.ever:
             return f"{self.topic}: never heard, published by {names}"
         if self.need is Need.ALWAYS:
@@ -154,10 +177,18 @@ class Inputs:
         self._found: dict[str, Input] = {}
         self.troubles: tuple[str, ...] = ()
 
-    def add(self, full: str, topic: str, kind: type[Any], need: Need) -> Input:
-        """Follow a topic, its whole name and that which was given; silent from now on."""
+    def add(self, subscription: Subscription, topic: str, need: Need) -> Input:
+        """Follow a topic that a subscription hears; silent from now on.
+
+        Args:
+            subscription: of its whole name.
+            topic: as it was given.
+            need: when its silence is a trouble.
+        """
+        kind, full = subscription.msg_type, subscription.topic_name
         package, name = kind.__module__.split(".")[0], kind.__name__
-        found = Input(topic, f"{package}/msg/{name}", need, time.monotonic())
+        profile, now = subscription.qos_profile, time.monotonic()
+        found = Input(topic, full, f"{package}/msg/{name}", need, profile, now)
         self._found[full] = found
         return found
 
@@ -170,18 +201,20 @@ class Inputs:
         """Look for troubles; return whether they are of other topics than at the last look."""
         now, before = time.monotonic(), self.troubles
         suspicious = {full: one for full, one in self._found.items() if one.suspicious(now)}
-        for full, one in suspicious.items():
+        for one in suspicious.values():
             if now - one.asked >= ASKED:
-                one.asked, one.publishers = now, self._publishers(full)
+                one.asked, one.publishers = now, self._publishers(one)
         self.troubles = tuple(filter(None, (one.trouble(now) for one in suspicious.values())))
         return [_topic(text) for text in before] != [_topic(text) for text in self.troubles]
 
-    def _publishers(self, full: str) -> list[tuple[str, str]]:
-        found = self._node.get_publishers_info_by_topic(full)
-        return sorted(
-            (f"{info.node_namespace.rstrip('/')}/{info.node_name}", info.topic_type)
-            for info in found
-        )
+    def _publishers(self, heard: Input) -> list[Source]:
+        found = []
+        for info in self._node.get_publishers_info_by_topic(heard.full):
+            fits, reason = qos_check_compatible(info.qos_profile, heard.profile)
+            name = f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+            misfit = reason.strip() if fits == QoSCompatibility.ERROR else ""
+            found.append(Source(name, info.topic_type, misfit))
+        return sorted(found)
 
 
 def _topic(trouble: str) -> str:

@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from copy import copy
 from dataclasses import dataclass
 from operator import itemgetter
 from typing import Any
@@ -18,6 +19,7 @@ from rclpy.callback_groups import CallbackGroup
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
 
@@ -279,16 +281,22 @@ class Shell(AnsweringNode):
                 source.take(time.monotonic())
 
         as_bytes = raw or decode is not None
-        group = self._polled_group
+        group, profile = self._polled_group, copy(profile)  # rclpy writes overrides into it
         subscription = self.create_subscription(
-            kind, topic, guarded, profile, callback_group=group, raw=as_bytes
+            kind,
+            topic,
+            guarded,
+            profile,
+            callback_group=group,
+            raw=as_bytes,
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
         full = subscription.topic_name
 
         def subscribe(other: SecondParticipant) -> Subscription:
             return other.subscribe(kind, full, guarded, profile, as_bytes)
 
-        source = self.inputs.add(full, topic, kind, need)
+        source = self.inputs.add(subscription, topic, need)
         numbers = Numbers() if sole else None
         self.listening.append(Listening(subscribe, subscription, source, skim, numbers))
 

@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped, Vector3Stamped
 
+from benchmarks.policy import node_class
+from tactile_dynamics_ros.cli.bringup import node_names
 from tactile_dynamics_ros.ros import shell, wire
 from tactile_dynamics_ros.ros.inputs import Need
 from tactile_dynamics_ros.ros.startup import introduce
@@ -34,6 +36,13 @@ def test_a_node_that_skims_reads_only_the_newest_where_that_is_allowed(bench, mo
     assert read["whole"] == [0, 1, 2, 3, 0, 1, 2, 3]
     assert read["newest_two"] == [0, 1, 2, 3, 2, 3]
     assert read["skimmed"] == [0, 1, 2, 3, 3]
+
+
+@pytest.mark.parametrize("name", node_names())
+def test_no_node_hides_what_is_private_to_all_nodes(name):
+    """A node that has a `_look` of its own would never look for what its inputs lack."""
+    own = {key for key in vars(node_class(name)) if re.match("_[a-z]", key)}
+    assert own & set(dir(shell.Shell)) == set()
 
 
 @pytest.mark.parametrize(("given", "kept"), [("SCHED_OTHER", "SCHED_BATCH"), ("SCHED_IDLE",) * 2])

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
+from rclpy.qos import ReliabilityPolicy
 from std_msgs.msg import Bool
 from synthetic_recording import COM, INERTIA_COM, MASS, held_box
 from test_inertial_estimator import play
@@ -20,7 +21,7 @@ from tactile_dynamics_ros.nodes.inertial_estimator import InertialEstimatorNode
 from tactile_dynamics_ros.nodes.wrench_compensator import WrenchCompensatorNode
 from tactile_dynamics_ros.recording.yaml_files import write_body
 from tactile_dynamics_ros.ros.conversions import to_seconds
-from tactile_dynamics_ros.ros.shell import LATCHED
+from tactile_dynamics_ros.ros.shell import LATCHED, STREAM
 
 WRENCH = "/wrench_compensator/wrench"
 VALID = "/wrench_compensator/valid"
@@ -76,14 +77,24 @@ def test_more_load_is_no_push(bench, known):
     heavier = 0.3 * MASS * np.array([0.0, 0.0, -9.81])
     play(bench, pushed(held_box(seconds=4.0, motion=0.3).streams, heavier, 2.0))
     assert node.compensator.load_change == pytest.approx(0.3 * MASS, rel=0.15)
-    node._look()
+    node._say_validity()
     assert "changed by +0.1" in node.faults._shown["valid"]
+
+
+def test_quality_of_service_can_be_overridden_and_a_mismatch_is_said(bench, known):
+    topic = "/contact/wrist/force"
+    override = f"qos_overrides.{topic}.subscription.reliability:=reliable"
+    node = start(bench, "-p", f"load:={known}", "-p", "contacts:=[wrist]", "-p", override)
+    (heard,) = (one for one in node.listening if one.subscription.topic_name == topic)
+    assert heard.subscription.qos_profile.reliability is ReliabilityPolicy.RELIABLE
+    node.create_publisher(WrenchStamped, topic, STREAM)
+    bench.until(lambda: any("offers less" in text for text in node.inputs.troubles))
 
 
 def test_without_a_load_there_is_no_contact_wrench(bench):
     node = start(bench)
     play(bench, held_box(seconds=1.0).streams)
-    node._look()
+    node._say_validity()
     bench.until(lambda: bench.seen[VALID])
     assert not bench.seen[WRENCH] and not bench.seen[VALID][-1].data
     assert node.faults._shown["valid"] == "no estimate of the load yet"

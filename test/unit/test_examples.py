@@ -144,3 +144,12 @@ def test_07_fits_an_effect_from_a_formula(tmp_path, capsys):
     assert float(errors["dry_friction"]) < 1.15 < 0.9 * float(errors["viscous_drag"])
     assert _number(r"friction ([\d.]+)", text) > 0.05
     assert "dry_friction" in path.read_text()
+
+
+def test_08_an_admittance_controller_does_not_drift(capsys):
+    pytest.importorskip("pybullet")
+    text = _run("08", ["--seconds", "7"], capsys)
+    moved = [list(map(float, re.findall(r"([\d.]+) mm", line))) for line in text.splitlines()[-2:]]
+    (before, by_push, after), (weight, *_) = moved
+    assert before < 2.0 and after < 2.0 and by_push == pytest.approx(335.0, rel=0.02)
+    assert weight > 100.0

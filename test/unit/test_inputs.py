@@ -6,29 +6,39 @@ import pytest
 
 from tactile_dynamics_ros.nodes.inertial_estimator import InertialEstimatorConfig
 from tactile_dynamics_ros.ros.conversions import MessageError
-from tactile_dynamics_ros.ros.inputs import PATIENCE, Input, Need, Numbers
+from tactile_dynamics_ros.ros.inputs import PATIENCE, Input, Need, Numbers, Source
 from tactile_dynamics_ros.ros.object_state import DROPPED, SILENT, Holding
-from tactile_dynamics_ros.ros.shell import LOOK
+from tactile_dynamics_ros.ros.shell import LOOK, STREAM
 from tactile_dynamics_ros.ros.stream_clock import StreamClock
 from tactile_dynamics_ros.ros.wire import Stamp
 
 WRENCH, TEXT = "geometry_msgs/msg/WrenchStamped", "std_msgs/msg/String"
-RIGHT = [("/contact_state", WRENCH)]
+RIGHT = [Source("/contact_state", WRENCH, "")]
+PAD = [Source("/pad", TEXT, "")]
+BRIEF = [Source("/driver", WRENCH, "ERROR: Best effort publisher and reliable subscription;")]
 
 
 def source(need=Need.ONCE, ever=False, publishers=RIGHT):
-    return Input("contact/ring/force", WRENCH, need, 100.0, ever, publishers=publishers)
+    name = "contact/ring/force"
+    return Input(name, f"/{name}", WRENCH, need, STREAM, 100.0, ever, publishers=publishers)
 
 
 @pytest.mark.parametrize(("publishers", "text"), [
     ([], "contact/ring/force: never heard, published by nobody"),
     (RIGHT, "contact/ring/force: never heard, published by /contact_state"),
-    ([("/pad", TEXT)], f"contact/ring/force: expected {WRENCH}, found {TEXT} from /pad"),
+    (PAD, f"contact/ring/force: expected {WRENCH}, found {TEXT} from /pad"),
 ])  # fmt: skip
 def test_a_topic_that_was_never_heard_names_its_publisher_or_its_type(publishers, text):
     found = source(publishers=publishers)
     assert found.trouble(100.0 + SILENT) == ""
     assert found.trouble(100.1 + SILENT) == text
+
+
+def test_a_quality_of_service_that_does_not_do_is_named_with_what_to_set():
+    said = source(publishers=BRIEF).trouble(104.0)
+    assert said.startswith("contact/ring/force: /driver offers less than is asked for (ERROR: Best")
+    assert said.endswith("qos_overrides./contact/ring/force.subscription.*")
+    assert "offers less" not in source(publishers=[*BRIEF, *RIGHT]).trouble(104.0)
 
 
 def test_silence_after_the_first_message_is_a_trouble_only_of_what_always_comes():
@@ -50,7 +60,7 @@ def test_what_is_published_and_needed_and_never_comes_is_subscribed_to_anew_ever
 
 
 @pytest.mark.parametrize("other", [
-    source(Need.OPTIONAL), source(publishers=[]), source(publishers=[("/pad", TEXT)]),
+    source(Need.OPTIONAL), source(publishers=[]), source(publishers=PAD), source(publishers=BRIEF),
 ])  # fmt: skip
 def test_nothing_is_subscribed_to_anew_that_nobody_publishes_or_needs(other):
     assert not other.is_deaf(999.0)
@@ -71,7 +81,7 @@ def test_what_is_refused_says_why_until_a_message_is_used():
 
 
 def test_rivals_are_named_as_long_as_their_messages_mix():
-    found = source(ever=True, publishers=[*RIGHT, ("/rival", WRENCH)])
+    found = source(ever=True, publishers=[*RIGHT, Source("/rival", WRENCH, "")])
     found.rivals = 105.0
     said = found.trouble(104.0)
     assert "two publishers at once (/contact_state and /rival)" in said
