@@ -14,6 +14,7 @@ NODES = (
     "inertial_estimator",
     "kinematic_tracker",
     "model_check",
+    "payload_writer",
     "property_estimator",
     "push_controller",
     "robot_sim",

@@ -62,6 +62,7 @@ BEGIN = "robot_sim/begin"
 VISION_SCORE = "vision_tracker/score"
 VISION_RESET = "vision_tracker/reset"
 
+PAYLOAD_APPLY = "payload/apply"
 COMPENSATED = "wrench_compensator/wrench"
 COMPENSATED_STD = "wrench_compensator/wrench_std"
 COMPENSATED_VALID = "wrench_compensator/valid"

@@ -321,7 +321,7 @@ def test_readme_block_on_a_robot(robot, graph, bag, tmp_path):
     first, *others = robot_block()[1]
     assert first.startswith(f"ros2 launch {PACKAGE} bringup.launch.py")
     of_tables = {"explorer", "property_estimator", "push_controller", "shape_estimator"}
-    nodes = set(node_names()) - {"robot_sim", "wrench_compensator", *of_tables}
+    nodes = set(node_names()) - {"robot_sim", "wrench_compensator", "payload_writer", *of_tables}
     processes = [robot.start("bash", "-c", f"exec {first}", log=tmp_path / "launch.log")]
     try:
         wait_for_nodes(graph, nodes, processes)

@@ -1,0 +1,120 @@
+"""How drivers of arms take a payload: their service, its request, its answer, their units."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from tactile_dynamics_ros.core.errors import BadInputError, nearest
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
+
+
+@dataclass(frozen=True)
+class Driver:
+    """A driver's service.
+
+    Attributes:
+        kind: type of the service, package/srv/Name.
+        service: its usual name.
+        fill: writes a body into a request: with its inertia or without, and the time (s) over which
+            the controller goes to it.
+        said: whether the driver has taken it, and what it says, from the response.
+        needs_inertia: whether a request without inertia would be taken for a body of none.
+    """
+
+    kind: str
+    service: str
+    fill: Callable[[Any, InertialParameters, bool, float], None]
+    said: Callable[[Any], tuple[bool, str]]
+    needs_inertia: bool = False
+
+    def load(self) -> type[Any]:
+        """Return the type of the service.
+
+        Raises:
+            BadInputError: its package is not installed.
+        """
+        package, _, name = self.kind.split("/")
+        try:
+            found: type[Any] = getattr(importlib.import_module(f"{package}.srv"), name)
+        except (ImportError, AttributeError) as error:
+            raise BadInputError(
+                f"{self.kind} cannot be imported ({error}); install the arm's driver, or hand the "
+                "payload over as text: tactile-dynamics estimate --export"
+            ) from error
+        return found
+
+
+def _fill_ur(request: Any, body: InertialParameters, known: bool, transition: float) -> None:
+    """kg, m, kg m^2 about the centre of mass."""
+    payload = request.payload
+    payload.m = float(body.mass)
+    payload.com.x, payload.com.y, payload.com.z = map(float, body.com)
+    if known:
+        inertia = body.inertia_com
+        for name, (i, j) in _ENTRIES.items():
+            setattr(payload, name, float(inertia[i, j]))
+    request.transition_time = transition
+
+
+def _fill_franka(request: Any, body: InertialParameters, known: bool, transition: float) -> None:
+    """kg, m in the flange, kg m^2 about the centre of mass column by column."""
+    request.mass = float(body.mass)
+    request.center_of_mass = [float(value) for value in body.com]
+    request.load_inertia = [float(value) for value in body.inertia_com.T.ravel()]
+
+
+def _fill_xarm(request: Any, body: InertialParameters, known: bool, transition: float) -> None:
+    """kg, mm."""
+    request.weight = float(body.mass)
+    request.center_of_gravity = [1e3 * float(value) for value in body.com]
+
+
+_ENTRIES = {
+    "ixx": (0, 0),
+    "ixy": (0, 1),
+    "ixz": (0, 2),
+    "iyy": (1, 1),
+    "iyz": (1, 2),
+    "izz": (2, 2),
+}
+"""Entries of geometry_msgs/Inertia. Names are those of ROS."""
+
+DRIVERS = {
+    "ur": Driver(
+        "ur_msgs/srv/SetPayload",
+        "/io_and_status_controller/set_payload",
+        _fill_ur,
+        lambda response: (response.success, ""),
+    ),
+    "franka": Driver(
+        "franka_msgs/srv/SetLoad",
+        "/service_server/set_load",
+        _fill_franka,
+        lambda response: (response.success, response.error),
+        needs_inertia=True,
+    ),
+    "xarm": Driver(
+        "xarm_msgs/srv/SetTcpLoad",
+        "/xarm/set_tcp_load",
+        _fill_xarm,
+        lambda response: (response.ret == 0, response.message),
+    ),
+}
+"""Drivers by the name of their arm, with units as their definitions and manuals have them."""
+
+
+def driver_of(controller: str) -> Driver:
+    """Return the driver of an arm.
+
+    Raises:
+        BadInputError: there is no such one.
+    """
+    if controller not in DRIVERS:
+        raise BadInputError(
+            f"controller '{controller}'{nearest(controller, DRIVERS)}; expected one of "
+            f"{', '.join(DRIVERS)}; other arms: tactile-dynamics estimate --export"
+        )
+    return DRIVERS[controller]

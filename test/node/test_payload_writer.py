@@ -1,0 +1,183 @@
+"""Node: the payload reaches the arm's driver in its units, when asked for and never in doubt."""
+
+from __future__ import annotations
+
+import importlib
+import shutil
+import sys
+
+import numpy as np
+import pytest
+from built_interfaces import build
+
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
+    InertialParameters,
+    KnownBody,
+)
+from tactile_dynamics_ros.nodes.payload_writer import PayloadWriterNode
+from tactile_dynamics_ros.recording.yaml_files import write_body
+from tactile_dynamics_ros.ros.payload_services import DRIVERS
+from tactile_dynamics_ros.ros.shell import Shell
+
+BODY = InertialParameters(0.731, np.array([0.011, -0.007, 0.023]), np.diag([9e-4, 7e-4, 5e-4]))
+DEFINITIONS = {
+    "ur_msgs": (
+        "srv/SetPayload.srv",
+        "geometry_msgs/Inertia payload\nfloat64 transition_time\n---\nbool success\n",
+    ),
+    "franka_msgs": (
+        "srv/SetLoad.srv",
+        "float64 mass\nfloat64[3] center_of_mass\nfloat64[9] load_inertia\n---\n"
+        "bool success\nstring error\n",
+    ),
+    "xarm_msgs": (
+        "srv/SetTcpLoad.srv",
+        "float32 weight\nfloat32[] center_of_gravity\n---\nint32 ret\nstring message\n",
+    ),
+}
+"""Services of the drivers, as their packages define them."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def drivers(tmp_path_factory):
+    """Build the services, which come with the drivers of arms."""
+    if shutil.which("g++") is None:
+        pytest.skip("no g++ to build the drivers' services with")
+    out = tmp_path_factory.mktemp("interfaces")
+    for package, (path, text) in DEFINITIONS.items():
+        uses = ["geometry_msgs", "service_msgs", "builtin_interfaces"]
+        build(package, {path: text}, uses, out)
+    sys.path.insert(0, str(out))
+    yield
+    sys.path.remove(str(out))
+
+
+class Arm(Shell):
+    """Stands in for the driver of an arm: notes what it is given, and answers."""
+
+    def __init__(self, driver, answer):
+        super().__init__("arm")
+        self.given = []
+        package, _, name = driver.kind.split("/")
+        kind = getattr(importlib.import_module(f"{package}.srv"), name)
+
+        def serve(request, response):
+            self.given.append(request)
+            for key, value in answer.items():
+                setattr(response, key, value)
+            return response
+
+        self.create_service(kind, driver.service, serve)
+
+
+def file_of(tmp_path, std=1e-4, undetermined=()):
+    covariance = np.diag([std**2, *[1e-10] * 3, *[1e-14] * 6])
+    known = KnownBody(BODY.dynamic_parameters, covariance, "box", undetermined)
+    return write_body(known, tmp_path / "box.yaml")
+
+
+def start(bench, file, *arguments, controller="ur", answer=None, arm=True):
+    words = ("-p", f"load:={file}", "-p", "maximum_mass:=5.0", "-p", f"controller:={controller}")
+    node = bench.start(PayloadWriterNode, *words, *arguments)
+    if arm:
+        driver = DRIVERS[controller]
+        bench.nodes.append(Arm(driver, answer or {"success": True}))
+    return node
+
+
+def apply(bench, node):
+    """Call the service as a person does, while all nodes work."""
+    from rclpy.executors import SingleThreadedExecutor
+    from std_srvs.srv import Trigger
+
+    executor = SingleThreadedExecutor()
+    for one in bench.nodes:
+        executor.add_node(one)
+    client = node.create_client(Trigger, "/payload/apply")
+    assert client.wait_for_service(5.0)
+    if len(bench.nodes) > 1:
+        bench.until(node._arm.service_is_ready)
+    future = client.call_async(Trigger.Request())
+
+    def answered():
+        executor.spin_once(timeout_sec=0.01)
+        return future.done()
+
+    bench.until(answered)
+    return future.result()
+
+
+def test_a_ur_gets_kilograms_metres_and_the_inertia(bench, tmp_path):
+    node = start(bench, file_of(tmp_path))
+    answer = apply(bench, node)
+    assert answer.success, answer.message
+    (given,) = bench.nodes[1].given
+    assert given.payload.m == pytest.approx(BODY.mass)
+    com = given.payload.com
+    np.testing.assert_allclose([com.x, com.y, com.z], BODY.com)
+    np.testing.assert_allclose(
+        [given.payload.ixx, given.payload.iyy, given.payload.izz], np.diag(BODY.inertia_com)
+    )
+    assert given.transition_time == 1.0
+
+
+def test_the_frame_of_the_pose_is_placed_in_the_flange(bench, tmp_path):
+    words = (
+        "-p",
+        "flange_xyz:=[0.0, 0.0, 0.1]",
+        "-p",
+        "flange_rpy:=[0.0, 0.0, 1.5707963267948966]",
+    )
+    node = start(bench, file_of(tmp_path), *words)
+    assert apply(bench, node).success
+    (given,) = bench.nodes[1].given
+    com = given.payload.com
+    np.testing.assert_allclose([com.x, com.y, com.z], [0.007, 0.011, 0.123], atol=1e-9)
+    assert given.payload.ixx == pytest.approx(BODY.inertia_com[1, 1])
+
+
+def test_franka_gets_a_matrix_and_xarm_millimetres(bench, tmp_path):
+    answer = {"success": True, "error": ""}
+    node = start(bench, file_of(tmp_path), controller="franka", answer=answer)
+    assert apply(bench, node).success
+    (given,) = bench.nodes[1].given
+    np.testing.assert_allclose(np.reshape(given.load_inertia, (3, 3)), BODY.inertia_com, atol=1e-12)
+
+
+def test_xarm_gets_millimetres_and_its_refusal_is_said(bench, tmp_path):
+    answer = {"ret": 9, "message": "not ready"}
+    node = start(bench, file_of(tmp_path), controller="xarm", answer=answer)
+    said = apply(bench, node)
+    (given,) = bench.nodes[1].given
+    np.testing.assert_allclose(given.center_of_gravity, 1e3 * BODY.com, rtol=1e-5)
+    assert not said.success and said.message == "refused by the driver: not ready"
+
+
+@pytest.mark.parametrize(
+    ("file", "arguments", "reason"),
+    [
+        ({}, ("-p", "maximum_mass:=0.5"), "0.731 kg is more than maximum_mass = 0.5 kg"),
+        ({"std": 0.1}, (), "is wider than mass_share"),
+        ({"undetermined": ("com_z",)}, (), "com_z is undetermined"),
+    ],
+)
+def test_what_is_in_doubt_or_too_heavy_is_not_handed_over(bench, tmp_path, file, arguments, reason):
+    node = start(bench, file_of(tmp_path, **file), *arguments)
+    said = apply(bench, node)
+    assert not said.success and reason in said.message
+    assert bench.nodes[1].given == []
+
+
+def test_without_inertia_a_franka_gets_nothing_and_a_ur_zeros(bench, tmp_path):
+    file = file_of(tmp_path, undetermined=("inertia_xx",))
+    node = start(bench, file)
+    assert apply(bench, node).message.endswith("without inertia")
+    assert bench.nodes[1].given[0].payload.ixx == 0.0
+    with pytest.raises(Exception, match="its inertia is not known"):
+        node.payload(DRIVERS["franka"])
+
+
+def test_a_driver_that_is_not_there_is_said_at_once(bench, tmp_path):
+    node = start(bench, file_of(tmp_path), arm=False)
+    said = apply(bench, node)
+    assert not said.success and "is the driver running?" in said.message
