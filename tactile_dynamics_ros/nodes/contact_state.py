@@ -37,6 +37,7 @@ from tactile_dynamics_ros.ros.pushed_contacts import PushedContacts
 from tactile_dynamics_ros.ros.robot import JointHistory, declare_robot
 from tactile_dynamics_ros.ros.shell import Shell, run_node
 from tactile_dynamics_ros.ros.wire import Joints, Stamp, Stamped
+from tactile_dynamics_ros.ros.wrist_contact import WristConfig, WristContact
 
 WORLD = "world"
 WAITING = 200
@@ -68,8 +69,13 @@ class ContactStateNode(Shell):
 
     def __init__(self) -> None:
         super().__init__("contact_state")
-        self._pushed = PushedContacts(self) if declare_config(self, PlaceConfig).pushing else None
-        if self._pushed is None:
+        wrist = declare_config(self, WristConfig, "wrist.")
+        self._placed: PushedContacts | WristContact | None = None
+        if declare_config(self, PlaceConfig).pushing:
+            self._placed = PushedContacts(self)
+        elif wrist.wrench:
+            self._placed = WristContact(self, wrist)
+        else:
             self._begin_hand()
 
     def _begin_hand(self) -> None:
@@ -133,8 +139,8 @@ class ContactStateNode(Shell):
 
     def process(self) -> None:
         """Place the forces for whose time joint positions, or poses, are known."""
-        if self._pushed is not None:
-            self._pushed.process()
+        if self._placed is not None:
+            self._placed.process()
             return
         ready: list[tuple[Touch, NDArray[np.float64]]] = []
         for _ in range(len(self._waiting)):

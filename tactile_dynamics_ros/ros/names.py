@@ -71,6 +71,7 @@ CLOCK = "/clock"
 DIAGNOSTICS = "/diagnostics"
 EMERGENCY_STOP = "/emergency_stop"
 TF = "/tf"
+TF_STATIC = "/tf_static"
 
 ENCLAVES = "/tactile_dynamics_ros"
 """Parent of the security enclaves of nodes and tools; the policy has one for each."""

@@ -27,7 +27,12 @@ def kind_of(topic, message):
         return PoseWithCovarianceStamped
     if topic.startswith(("camera", "biotac/raw")):
         return Image
-    kinds = {"force": WrenchStamped, "force_std": Vector3Stamped, "slip": Vector3Stamped}
+    kinds = {
+        "force": WrenchStamped,
+        "wrench": WrenchStamped,
+        "force_std": Vector3Stamped,
+        "slip": Vector3Stamped,
+    }
     kinds |= {"pose": PoseStamped, "joint_states": JointState, "joint_command": JointState}
     return kinds[topic.rsplit("/", 1)[-1]]
 
