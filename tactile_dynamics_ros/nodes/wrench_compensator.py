@@ -155,9 +155,9 @@ class WrenchCompensatorNode(Shell):
         self._waiting.extend(sample for sample in samples if sample.time > until)
         rows = []
         ready = [sample for sample in samples if sample.time <= until]
-        for sample, after in zip(ready, [*ready[1:], None], strict=True):
+        for k, sample in enumerate(ready):
             self._newest[sample.name] = sample
-            if after is None or after.time > sample.time:
+            if k + 1 == len(ready) or ready[k + 1].time > sample.time:
                 rows.append((sample.time, dict(self._newest)))
         return _readings(self._config.contacts, rows) if rows else None
 

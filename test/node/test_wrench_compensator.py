@@ -72,6 +72,21 @@ def test_a_push_is_what_remains_of_the_load(bench, known):
     assert node.compensator.load_change == 0.0
 
 
+def test_a_finger_is_waited_for_while_the_others_have_read(bench, known):
+    node = start(bench, "-p", f"load:={known}")
+    streams = held_box(seconds=2.0).streams
+    play(bench, streams, stop=100)
+    bench.until(lambda: len(bench.seen[WRENCH]) > 50)
+    before = len(bench.seen[WRENCH])
+    thumb = {"thumb": streams.contacts["thumb"]}
+    play(bench, replace(streams, contacts=thumb), start=100, stop=102)
+    bench.work(0.1)
+    assert len(bench.seen[WRENCH]) - before <= 1
+    play(bench, replace(streams, contacts=thumb), start=102, stop=110)
+    bench.until(lambda: len(bench.seen[WRENCH]) > before + 4)
+    assert node.compensator.load is not None
+
+
 def test_more_load_is_no_push(bench, known):
     node = start(bench, "-p", f"load:={known}")
     heavier = 0.3 * MASS * np.array([0.0, 0.0, -9.81])
