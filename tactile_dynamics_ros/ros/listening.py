@@ -8,7 +8,7 @@ anew. Another participant of the same process does.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from threading import Thread
 from typing import Any, NamedTuple
@@ -17,6 +17,7 @@ import rclpy
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.service import Service
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
@@ -208,3 +209,16 @@ def take_messages(
             number, received = told["publication_sequence_number"], told["received_timestamp"]
             taken.append(Taken(message, number, received))
     return taken
+
+
+def overrides_of(topic: str, listening: Sequence[Listening]) -> QoSOverridingOptions:
+    """Return the parameters of a subscription's quality of service.
+
+    A topic may be heard twice, such as a stop that is published latched or not: each has its own.
+
+    Args:
+        topic: as it is given to `Shell.listen`.
+        listening: what is listened to already.
+    """
+    heard = sum(one.source.topic == topic for one in listening)
+    return QoSOverridingOptions.with_default_policies(entity_id=str(heard + 1) if heard else None)

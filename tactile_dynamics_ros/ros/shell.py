@@ -19,7 +19,6 @@ from rclpy.callback_groups import CallbackGroup
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
 
@@ -34,6 +33,7 @@ from tactile_dynamics_ros.ros.listening import (
     Served,
     Taken,
     Waiter,
+    overrides_of,
     take_messages,
 )
 from tactile_dynamics_ros.ros.parameters import AnsweringNode, refuse_unknown
@@ -289,7 +289,7 @@ class Shell(AnsweringNode):
             profile,
             callback_group=group,
             raw=as_bytes,
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            qos_overriding_options=overrides_of(topic, self.listening),
         )
         full = subscription.topic_name
 
