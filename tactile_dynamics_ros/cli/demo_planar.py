@@ -67,6 +67,9 @@ ANSWERED = 10.0
 without: plans of the controller take some of them on a machine that does ten other things."""
 ANSWER = 30.0
 """Real seconds for the answer of a node that only has to look it up."""
+HEARD = 30.0
+"""Real seconds within which a node has to hear what is published: DDS took up to ten while all
+nodes started and Python compiled them."""
 TRACKED = 30.0
 """Hz of the tracker of markers, as depth cameras give images."""
 
@@ -331,6 +334,9 @@ def _call(
 ) -> tuple[bool, str]:
     """Call a service; nodes that die meanwhile are started again.
 
+    A node that refuses since it has not heard something yet is asked again for a while: it may run
+    before DDS has told it of all publishers.
+
     Raises:
         TactileDynamicsError: nobody offers it.
         BrokenError: no answer in time, or the robot or the node that answers died.
@@ -340,11 +346,15 @@ def _call(
     client = node.create_client(Trigger, f"/{service}")
     if not _spin(node, supervisor, client.service_is_ready, START):
         raise TactileDynamicsError(f"service {service} is not offered")
-    future = client.call_async(Trigger.Request())
-    if not _spin(node, supervisor, future.done, patience, service.partition("/")[0]):
-        raise BrokenError(f"service {service}: no answer within {patience:.0f} s")
-    answer = future.result()
-    return bool(answer.success), str(answer.message)
+    until = time.monotonic() + HEARD
+    while True:
+        future = client.call_async(Trigger.Request())
+        if not _spin(node, supervisor, future.done, patience, service.partition("/")[0]):
+            raise BrokenError(f"service {service}: no answer within {patience:.0f} s")
+        answer = future.result()
+        if answer.success or " yet:" not in answer.message or time.monotonic() > until:
+            return bool(answer.success), str(answer.message)
+        _spin(node, supervisor, lambda: False, 1.0)
 
 
 def _spin(

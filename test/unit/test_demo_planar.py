@@ -2,6 +2,7 @@
 
 import argparse
 import json
+from types import SimpleNamespace
 
 import pytest
 
@@ -187,3 +188,26 @@ def test_the_live_page_is_started_on_request(monkeypatch, tmp_path):
         demo_planar.play(ARGUMENTS, tmp_path, said.append)
     assert started.started["view"][-2:] == ["--port", "8081"]
     assert any(line.startswith("live page: http://127.0.0.1:8081/?token=") for line in said)
+
+
+def test_a_node_that_has_not_heard_something_yet_is_asked_again(monkeypatch):
+    """It runs before DDS has told it of all publishers; any other refusal stands at once."""
+    later = iter(["no support/pose yet: publish where the table is", ""])
+    monkeypatch.setattr(demo_planar, "_spin", lambda *_: True)
+
+    def client(answers):
+        def call_async(_):
+            text = next(answers)
+            return SimpleNamespace(
+                done=lambda: True,
+                result=lambda: SimpleNamespace(success=not text, message=text),
+            )
+
+        return SimpleNamespace(service_is_ready=lambda: True, call_async=call_async)
+
+    def call(answers):
+        node = SimpleNamespace(create_client=lambda *_: client(answers))
+        return demo_planar._call(node, None, "shape_estimator/start")
+
+    assert call(later) == (True, "")
+    assert call(iter(["nothing is seen on the table"])) == (False, "nothing is seen on the table")
