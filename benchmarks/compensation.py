@@ -151,7 +151,7 @@ def measure(kind: str, rate: float, seed: int, streams: Streams) -> Row:
 
     def compensated(changed: ContactWrenches) -> tuple[Compensated, np.ndarray]:
         compensator = Compensator()
-        compensator.set_load(load)
+        compensator.load = load
         found, changes = replay(later_poses, changed, compensator)
         return _stack(found), changes
 
@@ -257,7 +257,7 @@ def _across(kind: str, first: Streams, second: Streams) -> Row:
     )
     load = Load.of_body(body, tuple(first.contacts))
     compensator = Compensator()
-    compensator.set_load(load)
+    compensator.load = load
     seen, imu = readings(second), second.imu
     assert imu is not None and imu.rotation is not None
     compensator.motion = motion = FeltMotion()

@@ -73,7 +73,7 @@ def guide(seconds, compensated):
     """Let the hand push for two seconds; return where the wrist is at every step, (N, 3) m."""
     rng, wrist, compensator = np.random.default_rng(0), Wrist(), Compensator()
     body = KnownBody(LOAD.dynamic_parameters, 1e-8 * np.eye(10), "tool")
-    compensator.set_load(Load.of_body(body, ("wrist",)))
+    compensator.load = Load.of_body(body, ("wrist",))
     contact, places = np.zeros(3), []
     for k in range(round(seconds * RATE)):
         time = k / RATE

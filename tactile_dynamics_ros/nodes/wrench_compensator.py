@@ -17,6 +17,7 @@ from tactile_dynamics_ros.core.inertia.compensation import (
     Compensated,
     Compensator,
     ContactWrenches,
+    Load,
 )
 from tactile_dynamics_ros.core.inertia.compensation.causal_motion import CausalMotion, FeltMotion
 from tactile_dynamics_ros.core.streams.streams import ContactSample
@@ -87,7 +88,7 @@ class WrenchCompensatorNode(Shell):
         self._config = config
         self.compensator = Compensator()
         self.compensator.motion = self._new_motion()
-        self._load = CarriedLoad(self, config.contacts, self.compensator.set_load)
+        self._load = CarriedLoad(self, config.contacts, self._take_load)
         one = len(config.contacts) == 1
         self._frame = config.sensor_frame or (f"contact/{config.contacts[0]}" if one else "object")
         self._time = StreamClock(self)
@@ -107,6 +108,9 @@ class WrenchCompensatorNode(Shell):
         self._std = self.stream(WrenchStamped, COMPENSATED_STD)
         self._valid = self.latched(Bool, COMPENSATED_VALID)
         self.every(LOOK, self._say_validity)
+
+    def _take_load(self, load: Load) -> None:
+        self.compensator.load = load
 
     def _new_motion(self) -> CausalMotion:
         return FeltMotion() if self._config.imu else CausalMotion()

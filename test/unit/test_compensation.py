@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from synthetic_recording import COM, INERTIA_COM, MASS
@@ -119,13 +121,30 @@ def resting(seconds=3.0, rate=200.0, extra=(0.0, 0.0, 0.0), since=1.5):
 )
 def test_what_hangs_is_load_and_what_pushes_is_not(extra, changed):
     compensator = Compensator()
-    compensator.set_load(Load.of_body(body(), ("wrist",)))
+    compensator.load = Load.of_body(body(), ("wrist",))
     found, changes = replay(*resting(extra=extra), compensator)
     np.testing.assert_allclose(found[-1].wrench[0, 3:], extra, atol=1e-6)
     assert bool(changes[-1]) is changed
     if changed:
         assert changes[-1] == pytest.approx(1.0 / 9.81, rel=0.05)
         assert np.flatnonzero(changes)[0] / 200.0 < 1.5 + 1.0
+
+
+def test_more_load_is_noticed_while_estimates_of_the_old_one_keep_coming():
+    compensator, load = Compensator(), Load.of_body(body(), ("wrist",))
+    poses, seen = resting(extra=(0.0, 0.0, -1.0))
+    found = []
+    for k, time in enumerate(seen.time):
+        if k % 10 == 0:
+            compensator.load = replace(load)
+        pose = np.eye(4)
+        compensator.motion.add(float(time), pose)
+        at = slice(k, k + 1)
+        compensator.compensate(
+            ContactWrenches(seen.time[at], seen.names, *(p[at] for p in seen[2:]))
+        )
+        found.append(compensator.load_change)
+    assert len(poses.time) == len(found) and found[-1] == pytest.approx(1.0 / 9.81, rel=0.05)
 
 
 def test_the_benchmark_runs(capsys):

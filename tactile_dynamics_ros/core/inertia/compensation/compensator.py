@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -96,8 +97,8 @@ class Load:
         """
         acting, left = [], []
         for label, values in body.effects.items():
-            effect = create_effect(label)
-            if _is_instantaneous(effect):
+            if _is_instantaneous(label):
+                effect = create_effect(label)
                 acting.append((effect, _parameters(effect, values, contacts)))
             else:
                 left.append(label)
@@ -113,8 +114,10 @@ class Load:
         return float(np.sqrt(max(self.body.covariance[0, 0] - lasting, 0.0)))
 
 
-def _is_instantaneous(effect: Effect) -> bool:
+@lru_cache
+def _is_instantaneous(label: str) -> bool:
     """Whether a law of the present moment alone: one sample has the same wrench as among others."""
+    effect = create_effect(label)
     if effect.delays or effect.event or effect.rings:
         return False
     samples = example_samples(_EXAMPLE)
@@ -208,11 +211,7 @@ class Compensator:
     def __init__(self) -> None:
         """Begin without a load."""
         self.motion = CausalMotion()
-        self.set_load(None)
-
-    def set_load(self, load: Load | None) -> None:
-        """Take another load; what is compared with it begins anew."""
-        self.load = load
+        self.load: Load | None = None
         self._changed = [ChangedLoad(memory) for memory in MEMORIES]
 
     @property
