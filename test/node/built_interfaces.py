@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 import sysconfig
 from pathlib import Path
+
+import pytest
 
 PREFIX = Path(sys.prefix)
 PARTS = (
@@ -52,6 +55,13 @@ for kind in (
         own.mkdir(parents=True)
     kind.generate(package, files, [pathlib.Path(sys.prefix) / "share"], own)
 """
+
+
+def require_compilers() -> None:
+    """Skip where these packages cannot be compiled."""
+    header = Path(sysconfig.get_path("include")) / "Python.h"
+    if not (shutil.which("gcc") and shutil.which("g++") and header.is_file()):
+        pytest.skip("no gcc, g++ or Python.h to build interfaces with")
 
 
 def build(package: str, files: dict[str, str], uses: list[str], out: Path) -> None:

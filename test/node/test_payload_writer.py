@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import importlib
-import shutil
 import sys
 
 import numpy as np
 import pytest
-from built_interfaces import build
+from built_interfaces import build, require_compilers
 
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     InertialParameters,
@@ -41,8 +40,7 @@ DEFINITIONS = {
 @pytest.fixture(scope="module", autouse=True)
 def drivers(tmp_path_factory):
     """Build the services, which come with the drivers of arms."""
-    if shutil.which("g++") is None:
-        pytest.skip("no g++ to build the drivers' services with")
+    require_compilers()
     out = tmp_path_factory.mktemp("interfaces")
     for package, (path, text) in DEFINITIONS.items():
         uses = ["geometry_msgs", "service_msgs", "builtin_interfaces"]

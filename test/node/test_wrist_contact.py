@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import shutil
 import sys
 
 import numpy as np
 import pytest
-from built_interfaces import build
+from built_interfaces import build, require_compilers
 from geometry_msgs.msg import InertiaStamped, PoseStamped, TransformStamped
 from test_inertial_estimator import INERTIA
 
@@ -25,8 +24,7 @@ WORDS = ("-p", f"wrist.wrench:={WRENCH}", "-p", "wrist.base:=base", "-p", "conta
 @pytest.fixture(scope="module", autouse=True)
 def transforms(tmp_path_factory):
     """Build tf2_msgs, which no wheel brings."""
-    if shutil.which("g++") is None:
-        pytest.skip("no g++ to build tf2_msgs with")
+    require_compilers()
     out = tmp_path_factory.mktemp("interfaces")
     text = "geometry_msgs/TransformStamped[] transforms\n"
     uses = ["geometry_msgs", "std_msgs", "builtin_interfaces"]
