@@ -96,9 +96,9 @@ def test_an_effect_without_its_parameters_is_refused():
 
 def _parameters_of(name):
     from tactile_dynamics_ros.core.effects import create_effect
-    from tactile_dynamics_ros.core.inertia.compensation.compensator import _WrenchesAt
+    from tactile_dynamics_ros.core.inertia.compensation.compensator import _at_rest
 
-    return create_effect(name).parameters(_WrenchesAt.of_contacts(("wrist",)))
+    return create_effect(name).parameters(_at_rest(("wrist",)))
 
 
 def resting(seconds=3.0, rate=200.0, extra=(0.0, 0.0, 0.0), since=1.5):

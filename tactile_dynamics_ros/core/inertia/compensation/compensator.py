@@ -123,7 +123,7 @@ def _is_instantaneous(label: str) -> bool:
     samples = example_samples(_EXAMPLE)
     theta, inertia = effect.typical(samples), example_inertia()
     together = effect.wrench(samples, inertia, theta)
-    last = _WrenchesAt.last_of(samples)
+    last = _last_of(samples)
     later = replace(last, time=last.time + _LATER)
     size = np.abs(together).max() + 1e-12
     return all(
@@ -135,7 +135,7 @@ def _is_instantaneous(label: str) -> bool:
 def _parameters(effect: Effect, values: Mapping[str, Any], contacts: tuple[str, ...]) -> Array:
     """Return theta (k,) of an effect, from its parameters by name."""
     found = []
-    for parameter in effect.parameters(_WrenchesAt.of_contacts(contacts)):
+    for parameter in effect.parameters(_at_rest(contacts)):
         if parameter.name not in values:
             raise BadInputError(
                 f"effect {effect.label}: no value of {parameter.name}; expected an estimate of "
@@ -145,56 +145,52 @@ def _parameters(effect: Effect, values: Mapping[str, Any], contacts: tuple[str, 
     return np.array(found)
 
 
-class _WrenchesAt:
-    """Samples as effects take them."""
+def _last_of(samples: WrenchSamples) -> WrenchSamples:
+    """The last of the samples alone."""
+    names = (
+        *("time", "position", "rotation", "velocity", "acceleration", "angular_velocity"),
+        *("angular_acceleration", "contact_point", "contact_rotation", "contact_force"),
+        *("contact_torque", "in_contact"),
+    )
+    return replace(samples, **{name: getattr(samples, name)[-1:] for name in names})
 
-    @staticmethod
-    def last_of(samples: WrenchSamples) -> WrenchSamples:
-        """The last of the samples alone."""
-        names = (
-            *("time", "position", "rotation", "velocity", "acceleration", "angular_velocity"),
-            *("angular_acceleration", "contact_point", "contact_rotation", "contact_force"),
-            *("contact_torque", "in_contact"),
-        )
-        return replace(samples, **{name: getattr(samples, name)[-1:] for name in names})
 
-    @staticmethod
-    def of_contacts(contacts: tuple[str, ...]) -> WrenchSamples:
-        """One sample at rest; sensors of torques read some, one alone does."""
-        zero, count = np.zeros((1, 3)), len(contacts)
-        motion = Motion(zero, np.eye(3)[None], zero, zero, zero, zero)
-        still = np.zeros((1, count, 3))
-        torque = np.full((1, count, 3), float(count == 1))
-        frames = np.tile(np.eye(3), (1, count, 1, 1))
-        readings = ContactWrenches(
-            np.zeros(1), contacts, still, frames, still, torque, np.ones((1, count), bool), zero
-        )
-        return _WrenchesAt.of_motion(motion, readings)
+def _at_rest(contacts: tuple[str, ...]) -> WrenchSamples:
+    """One sample at rest; sensors of torques read some, one alone does."""
+    zero, count = np.zeros((1, 3)), len(contacts)
+    motion = Motion(zero, np.eye(3)[None], zero, zero, zero, zero)
+    still = np.zeros((1, count, 3))
+    torque = np.full((1, count, 3), float(count == 1))
+    frames = np.tile(np.eye(3), (1, count, 1, 1))
+    readings = ContactWrenches(
+        np.zeros(1), contacts, still, frames, still, torque, np.ones((1, count), bool), zero
+    )
+    return _samples_of(motion, readings)
 
-    @staticmethod
-    def of_motion(motion: Motion, seen: ContactWrenches) -> WrenchSamples:
-        """Samples of a motion with wrenches that are given in the world."""
-        into = np.swapaxes(motion.rotation, 1, 2)[:, None]
 
-        def turned(vectors: Array) -> Array:
-            return np.asarray((into @ vectors[..., None])[..., 0])
+def _samples_of(motion: Motion, seen: ContactWrenches) -> WrenchSamples:
+    """Samples of a motion with wrenches that are given in the world."""
+    into = np.swapaxes(motion.rotation, 1, 2)[:, None]
 
-        return WrenchSamples(
-            time=seen.time,
-            position=motion.position,
-            rotation=motion.rotation,
-            velocity=motion.velocity,
-            acceleration=motion.acceleration,
-            angular_velocity=motion.angular_velocity,
-            angular_acceleration=motion.angular_acceleration,
-            contact_names=seen.names,
-            contact_point=turned(seen.point - motion.position[:, None]),
-            contact_rotation=into @ seen.rotation,
-            contact_force=turned(seen.force),
-            contact_torque=turned(seen.torque),
-            in_contact=seen.touches,
-            gravity=GRAVITY_W,
-        )
+    def turned(vectors: Array) -> Array:
+        return np.asarray((into @ vectors[..., None])[..., 0])
+
+    return WrenchSamples(
+        time=seen.time,
+        position=motion.position,
+        rotation=motion.rotation,
+        velocity=motion.velocity,
+        acceleration=motion.acceleration,
+        angular_velocity=motion.angular_velocity,
+        angular_acceleration=motion.angular_acceleration,
+        contact_names=seen.names,
+        contact_point=turned(seen.point - motion.position[:, None]),
+        contact_rotation=into @ seen.rotation,
+        contact_force=turned(seen.force),
+        contact_torque=turned(seen.torque),
+        in_contact=seen.touches,
+        gravity=GRAVITY_W,
+    )
 
 
 class Compensator:
@@ -231,7 +227,7 @@ class Compensator:
         """
         assert self.load is not None
         motion = self.motion.at(seen.time)
-        samples = _WrenchesAt.of_motion(motion, seen)
+        samples = _samples_of(motion, seen)
         phi = self.load.body.phi
         rows = regressor(
             samples.specific_acceleration, samples.angular_velocity, samples.angular_acceleration
