@@ -45,6 +45,7 @@ def _mark_names(parser: argparse.ArgumentParser) -> None:
     """Let arguments that name an effect or a node be completed by these names."""
     for action in parser._actions:
         if isinstance(action, _SubParsersAction):
+            action.choices = action._name_parser_map  # `import` takes files in their place too
             for form in action.choices.values():
                 _mark_names(form)
         kind = {"node": "nodes", "name": "effects", "effect": "effects", "effects": "effects"}

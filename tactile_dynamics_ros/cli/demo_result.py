@@ -19,7 +19,10 @@ from tactile_dynamics_ros.core.discrepancy.verdict.wording import join_names
 from tactile_dynamics_ros.core.effects import create_effects
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
-from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate
+from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import (
+    PARAMETER_NAMES,
+    InertialEstimate,
+)
 from tactile_dynamics_ros.core.inertia.batch.knowledge import beside_rivals, say_rivals
 from tactile_dynamics_ros.core.inertia.estimate import estimate, estimate_rivals
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
@@ -187,6 +190,10 @@ def summarise_demo(
     offline = beside_rivals(alone, tuple(rivals.values()))
     body = InertialParameters(truth["mass"], np.array(truth["com"]), np.array(truth["inertia_com"]))
     say(_comparison(history, offline, body))
+    if offline.not_excited:
+        say("* undetermined by this recording: value and std are those presumed beforehand")
+    if not offline.converged:
+        say("offline the iteration did not converge; these are its last values, and no answer")
     if effects:
         say(f"offline: with {', '.join(effects)}")
     if rivals:
@@ -306,5 +313,8 @@ def _comparison(
     )
     columns = (live, live_std, _values(offline.inertia), offline.parameter_std, _values(truth))
     for k, (label, scale, unit) in enumerate(SHOWN_PARAMETERS):
-        rows.append((label, *(_shown(scale * column[k]) for column in columns), unit))
+        shown = [_shown(scale * column[k]) for column in columns]
+        if PARAMETER_NAMES[k] in offline.not_excited:
+            shown[2] += " *"
+        rows.append((label, *shown, unit))
     return align_rows(rows)

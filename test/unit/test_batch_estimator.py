@@ -7,11 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from synthetic_recording import held_box
 
 from benchmarks.support.live_replay import replay_streams
 from tactile_dynamics_ros.core.effects import create_effect
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.inertia.batch import batch
 from tactile_dynamics_ros.core.inertia.batch.batch import fit_recording
+from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
 from tactile_dynamics_ros.core.inertia.batch.prior import LogCholeskyPrior
 from tactile_dynamics_ros.core.inertia.batch.uncertainty import unexcited_directions
 from tactile_dynamics_ros.core.inertia.estimate import estimate as estimate_body
@@ -291,3 +294,24 @@ def test_noise_beyond_all_measure_leaves_directions_unexcited():
     found = unexcited_directions(information, noise @ noise.T, prior)
     left = noise - found @ (found.T @ noise)
     assert np.abs(left).max() < 1e-6 * np.abs(noise).max()
+
+
+def test_a_body_that_a_fit_has_made_flat_is_tried_thicker(monkeypatch):
+    """A descent may stay at next to no thickness for ever although a thicker body fits better."""
+    streams = held_box(seconds=3.0).streams
+    plain = batch.fit_recording(streams)
+    tried = []
+
+    def thicker(model, iterations):
+        tried.append(model)
+        return replace(model, xi=model.xi + 0.1) if better else None
+
+    monkeypatch.setattr(batch, "fit_unfolded", thicker)
+    monkeypatch.setattr(
+        FittedModel, "whitened_rms", property(lambda m: float(np.array_equal(m.xi, plain.xi)))
+    )
+    better = True
+    np.testing.assert_allclose(batch.fit_recording(streams).xi, plain.xi + 0.1)
+    better = False
+    np.testing.assert_allclose(batch.fit_recording(streams).xi, plain.xi)
+    assert len(tried) == 2

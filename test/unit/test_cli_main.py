@@ -150,6 +150,12 @@ def test_progress_is_a_line_of_a_terminal_and_nothing_elsewhere(monkeypatch, cap
     assert "\n" not in shown
 
 
+def test_zsh_gets_every_verb(capsys):
+    assert cli.main(["completion", "zsh"]) == 0
+    script = capsys.readouterr().out
+    assert script.startswith("#compdef") and all(f"    {verb}:'" in script for verb in VERBS)
+
+
 def test_bash_completes_verbs_options_and_choices(capsys):
     assert cli.main(["completion", "bash"]) == 0
     script = capsys.readouterr().out

@@ -12,7 +12,11 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
-from tactile_dynamics_ros.core.inertia.batch.fitting import fit_corrected, fit_model
+from tactile_dynamics_ros.core.inertia.batch.fitting import (
+    fit_corrected,
+    fit_model,
+    fit_unfolded,
+)
 from tactile_dynamics_ros.core.inertia.residuals.contact_grid import choose_grid
 from tactile_dynamics_ros.core.inertia.residuals.newton_euler_residual import (
     ProblemConfig,
@@ -107,6 +111,9 @@ def fit_problems(
     model = fit_model(problems, effects, iterations=config.iterations)
     if not np.all(np.isfinite(model.white_residual)):
         raise NotIdentifiableError("the estimation diverged; check units and stamps of the streams")
+    thicker = fit_unfolded(model, config.iterations)
+    if thicker is not None and thicker.whitened_rms < model.whitened_rms:
+        return thicker
     return model
 
 
