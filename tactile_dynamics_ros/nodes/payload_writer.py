@@ -13,7 +13,6 @@ from std_srvs.srv import Trigger
 
 from tactile_dynamics_ros.core.configuration import parameter
 from tactile_dynamics_ros.core.errors import NotIdentifiableError, TactileDynamicsError
-from tactile_dynamics_ros.core.inertia.compensation import Load
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     InertialParameters,
     com_inertia_jacobian,
@@ -61,7 +60,6 @@ class PayloadWriterNode(Shell):
     def __init__(self) -> None:
         super().__init__("payload_writer")
         self._config = declare_config(self, PayloadConfig)
-        self._load: Load | None = None
         self._driver: Driver | None = None
         if self._config.controller:
             self._driver = driver_of(self._config.controller)
@@ -70,13 +68,10 @@ class PayloadWriterNode(Shell):
             # In a group of its own: the answer comes while the call that asked for it still runs.
             group = MutuallyExclusiveCallbackGroup()
             self._arm = self.create_client(self._kind, name, callback_group=group)
-        self._carried = CarriedLoad(self, self._config.contacts, self._take_load)
+        self._carried = CarriedLoad(self, self._config.contacts)
         self._waiting: list[tuple[float, Future]] = []
         self.create_service(Trigger, PAYLOAD_APPLY, self._apply, qos_profile=REQUESTS)
         self.every(0.1, self._give_up)
-
-    def _take_load(self, load: Load) -> None:
-        self._load = load
 
     async def _apply(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:
@@ -102,7 +97,7 @@ class PayloadWriterNode(Shell):
         Raises:
             NotIdentifiableError: it is not to be handed over, and why.
         """
-        config, load = self._config, self._load
+        config, load = self._config, self._carried.load
         if load is None or self._carried.trouble:
             raise NotIdentifiableError(f"nothing handed over: {self._carried.trouble}")
         to_com = com_inertia_jacobian(load.body.phi)

@@ -17,7 +17,6 @@ from tactile_dynamics_ros.core.inertia.compensation import (
     Compensated,
     Compensator,
     ContactWrenches,
-    Load,
 )
 from tactile_dynamics_ros.core.inertia.compensation.causal_motion import CausalMotion, FeltMotion
 from tactile_dynamics_ros.core.streams.streams import ContactSample
@@ -88,7 +87,7 @@ class WrenchCompensatorNode(Shell):
         self._config = config
         self.compensator = Compensator()
         self.compensator.motion = self._new_motion()
-        self._load = CarriedLoad(self, config.contacts, self._take_load)
+        self._load = CarriedLoad(self, config.contacts)
         one = len(config.contacts) == 1
         self._frame = config.sensor_frame or (f"contact/{config.contacts[0]}" if one else "object")
         self._time = StreamClock(self)
@@ -108,9 +107,6 @@ class WrenchCompensatorNode(Shell):
         self._std = self.stream(WrenchStamped, COMPENSATED_STD)
         self._valid = self.latched(Bool, COMPENSATED_VALID)
         self.every(LOOK, self._say_validity)
-
-    def _take_load(self, load: Load) -> None:
-        self.compensator.load = load
 
     def _new_motion(self) -> CausalMotion:
         return FeltMotion() if self._config.imu else CausalMotion()
@@ -134,6 +130,7 @@ class WrenchCompensatorNode(Shell):
 
     def process(self) -> None:
         """Compensate what was taken together, and say so at once."""
+        self.compensator.load = self._load.load
         seen = self._take_readings()
         motion = self.compensator.motion
         if seen is None or self.compensator.load is None or not motion.settled:

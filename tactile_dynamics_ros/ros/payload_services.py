@@ -7,8 +7,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from tactile_dynamics_ros.core.errors import BadInputError, nearest
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
+from tactile_dynamics_ros.ros.conversions import inertia_to_message
 
 
 @dataclass(frozen=True)
@@ -49,13 +52,9 @@ class Driver:
 
 def _fill_ur(request: Any, body: InertialParameters, known: bool, transition: float) -> None:
     """kg, m, kg m^2 about the centre of mass."""
-    payload = request.payload
-    payload.m = float(body.mass)
-    payload.com.x, payload.com.y, payload.com.z = map(float, body.com)
-    if known:
-        inertia = body.inertia_com
-        for name, (i, j) in _ENTRIES.items():
-            setattr(payload, name, float(inertia[i, j]))
+    inertia = body.inertia_com if known else np.zeros((3, 3))
+    written = InertialParameters(body.mass, body.com, inertia)
+    request.payload = inertia_to_message(written, 0.0, "").inertia
     request.transition_time = transition
 
 
@@ -71,16 +70,6 @@ def _fill_xarm(request: Any, body: InertialParameters, known: bool, transition: 
     request.weight = float(body.mass)
     request.center_of_gravity = [1e3 * float(value) for value in body.com]
 
-
-_ENTRIES = {
-    "ixx": (0, 0),
-    "ixy": (0, 1),
-    "ixz": (0, 2),
-    "iyy": (1, 1),
-    "iyz": (1, 2),
-    "izz": (2, 2),
-}
-"""Entries of geometry_msgs/Inertia. Names are those of ROS."""
 
 DRIVERS = {
     "ur": Driver(

@@ -151,25 +151,24 @@ def read_inertia_status(statuses: Sequence[Any]) -> InertiaStatus:
     )
 
 
-def body_of_status(read: Statuses) -> tuple[KnownBody | None, str]:
+def body_of_status(statuses: Sequence[Any]) -> tuple[KnownBody | None, str]:
     """Return what inertial_estimator knows of what is carried, and why not to believe it.
 
     Standard deviations of mass, centre and inertia about it are taken as independent.
 
     Args:
-        read: statuses of a message of inertial_estimator.
+        statuses: of a message of inertial_estimator.
     """
-    value = read.numbers("parameters", PARAMETER_NAMES)
-    std = read.numbers("parameters", [f"{name}_std" for name in PARAMETER_NAMES])
-    good = read.level("parameters") == OK
-    if not (np.isfinite(value).all() and np.isfinite(std).all()):
-        return None, read.text("parameters") or "no estimate of the load yet"
-    phi = InertialParameters(value[0], value[1:4], inertia_matrix(value[4:])).dynamic_parameters
+    said, read = read_inertia_status(statuses), Statuses(statuses)
+    if not (np.isfinite(said.value).all() and np.isfinite(said.std).all()):
+        return None, said.text or "no estimate of the load yet"
+    body = InertialParameters(said.value[0], said.value[1:4], inertia_matrix(said.value[4:]))
+    phi = body.dynamic_parameters
     to_phi = np.linalg.inv(com_inertia_jacobian(phi))
-    effects = {name: _effect_values(read, name) for name in read.words("solver", "effects")}
-    covariance = (to_phi * std**2) @ to_phi.T
+    effects = {name: _effect_values(read, name) for name in said.effects}
+    covariance = (to_phi * said.std**2) @ to_phi.T
     known = KnownBody(phi, covariance, "inertial_estimator", (), effects)
-    return known, "" if good else read.text("parameters")
+    return known, "" if said.good else said.text
 
 
 def _effect_values(read: Statuses, effect: str) -> dict[str, dict[str, float]]:
