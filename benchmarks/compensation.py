@@ -159,9 +159,6 @@ def measure(kind: str, rate: float, seed: int, streams: Streams) -> Row:
     plain, clean_changes = compensated(seen)
     cost = (clock.process_time() - began) / len(seen.time)
     scored = plain.time > plain.time[0] + SETTLED
-    whole = _carried(plain, seen, load)
-    rms = [np.sqrt(np.mean(np.sum(w[scored] ** 2, axis=1))) for w in _parts(plain.wrench)]
-    of_load = [np.sqrt(np.mean(np.sum(w[scored] ** 2, axis=1))) for w in _parts(whole)]
     since = seen.time - seen.time[0]
     away = np.array([0.8, -0.5, 0.33]) / np.linalg.norm([0.8, -0.5, 0.33])
     push = PUSH_N * np.sin(np.pi * np.clip((since - 4.0) / 1.5, 0.0, 1.0))[:, None] * away
@@ -183,15 +180,28 @@ def measure(kind: str, rate: float, seed: int, streams: Streams) -> Row:
         kind,
         rate,
         seed,
-        1.0 - rms[1] / of_load[1],
-        1.0 - rms[0] / of_load[0],
-        float(rms[1]),
-        float(np.mean(np.abs(plain.wrench[scored]) > 2.0 * plain.std[scored])),
-        *errors,
-        float(since[-len(changes) :][noticed][0] - begins) if noticed.any() else np.inf,
-        float(np.mean(clean_changes[scored] != 0.0)),
-        1e6 * cost,
+        **_left(plain, scored, _carried(plain, seen, load)),
+        push_n=errors[0],
+        tap_n=errors[1],
+        noticed_s=float(since[-len(changes) :][noticed][0] - begins) if noticed.any() else np.inf,
+        false=float(np.mean(clean_changes[scored] != 0.0)),
+        cost_us=1e6 * cost,
     )
+
+
+def _left(plain: Compensated, scored: np.ndarray, whole: np.ndarray) -> dict[str, float]:
+    """Fields of a row: what is left of the wrench (N, 6) of gravity and inertia where scored."""
+    left, of_load = (
+        [float(np.sqrt(np.mean(np.sum(part[scored] ** 2, axis=1)))) for part in _parts(wrench)]
+        for wrench in (plain.wrench, whole)
+    )
+    beyond = np.abs(plain.wrench[scored]) > 2.0 * plain.std[scored]
+    return {
+        "force_removed": 1.0 - left[1] / of_load[1],
+        "torque_removed": 1.0 - left[0] / of_load[0],
+        "force_left_n": left[1],
+        "beyond": float(np.mean(beyond)),
+    }
 
 
 def _acceleration(time: np.ndarray, place: np.ndarray) -> np.ndarray:
@@ -269,16 +279,17 @@ def _across(kind: str, first: Streams, second: Streams) -> Row:
     cost = (clock.process_time() - began) / len(seen.time)
     plain = _stack(answers)
     scored = plain.time > plain.time[0] + SETTLED
-    rms = [np.sqrt(np.mean(np.sum(w[scored] ** 2, axis=1))) for w in _parts(plain.wrench)]
-    whole = _carried(plain, seen, load)
-    of_load = [np.sqrt(np.mean(np.sum(w[scored] ** 2, axis=1))) for w in _parts(whole)]
-    rate = 1.0 / float(np.median(np.diff(seen.time)))
-    nothing = float("nan")
     return Row(
-        kind, rate, 0, 1.0 - rms[1] / of_load[1], 1.0 - rms[0] / of_load[0], float(rms[1]),
-        float(np.mean(np.abs(plain.wrench[scored]) > 2.0 * plain.std[scored])),
-        nothing, nothing, nothing, float(np.mean(changes[scored] != 0.0)), 1e6 * cost,
-    )  # fmt: skip
+        kind,
+        1.0 / float(np.median(np.diff(seen.time))),
+        0,
+        **_left(plain, scored, _carried(plain, seen, load)),
+        push_n=np.nan,
+        tap_n=np.nan,
+        noticed_s=np.nan,
+        false=float(np.mean(changes[scored] != 0.0)),
+        cost_us=1e6 * cost,
+    )
 
 
 def table(rows: Sequence[Row]) -> list[str]:

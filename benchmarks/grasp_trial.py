@@ -14,10 +14,9 @@ from tactile_dynamics_ros.core.manipulation.grasp_controller import (
     GraspController,
     Phase,
 )
-from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3
+from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, inverse_pose, log_so3
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.robot.robot_file import load_robot
-from tactile_dynamics_ros.sim.bodies import inverse_pose
 from tactile_dynamics_ros.sim.world import HandWorld, WorldConfig
 
 ROBOT = load_robot()

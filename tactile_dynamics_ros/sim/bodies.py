@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import (
     cross,
+    inverse_pose,
     matrix_to_quaternion,
     quaternion_to_matrix,
 )
@@ -133,14 +134,6 @@ def to_matrix(position: tuple[float, ...], quaternion: tuple[float, ...]) -> Arr
 def from_matrix(pose: Array) -> tuple[list[float], list[float]]:
     """Return Bullet's position and quaternion (xyzw) of a pose (4, 4)."""
     return pose[:3, 3].tolist(), matrix_to_quaternion(pose[:3, :3]).tolist()
-
-
-def inverse_pose(pose: Array) -> Array:
-    """Return the inverse of a pose (4, 4)."""
-    inverse = np.eye(4)
-    inverse[:3, :3] = pose[:3, :3].T
-    inverse[:3, 3] = -pose[:3, :3].T @ pose[:3, 3]
-    return inverse
 
 
 def principal_frame(com: Array, inertia_com: Array) -> tuple[Array, Array]:

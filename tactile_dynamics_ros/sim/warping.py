@@ -9,10 +9,10 @@ import numpy as np
 import pybullet
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.rigid_body.rotation import inverse_pose
 from tactile_dynamics_ros.sim.bodies import (
     ObjectBody,
     from_matrix,
-    inverse_pose,
     principal_frame,
     spawn_object,
 )

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError, nearest
-from tactile_dynamics_ros.core.rigid_body.rotation import turned_between
+from tactile_dynamics_ros.core.rigid_body.rotation import inverse_pose, turned_between
 
 Array = NDArray[np.float64]
 
@@ -107,10 +107,7 @@ class FrameTree:
         down = self._compose(below[: below.index(shared)], time)
         if up is None or down is None:
             return None
-        inverse = np.eye(4)
-        inverse[:3, :3] = down[:3, :3].T
-        inverse[:3, 3] = -down[:3, :3].T @ down[:3, 3]
-        return inverse @ up
+        return inverse_pose(down) @ up
 
     def _ancestors(self, frame: str) -> list[str]:
         """Return a frame, its parent, and so on to the root."""

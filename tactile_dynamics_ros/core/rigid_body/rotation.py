@@ -274,6 +274,14 @@ def pose_of(xyz: Sequence[float] | Array, rpy: Sequence[float] | Array) -> Array
     return pose
 
 
+def inverse_pose(pose: Array) -> Array:
+    """Return the inverse of a pose (4, 4)."""
+    inverse = np.eye(4)
+    inverse[:3, :3] = pose[:3, :3].T
+    inverse[:3, 3] = -pose[:3, :3].T @ pose[:3, 3]
+    return inverse
+
+
 def described_pose(values: Mapping[str, Any]) -> Array:
     """Pose (4, 4) of a description: ``centre`` in m and ``rpy_deg``, each zero where absent."""
     centre = np.asarray(values.get("centre", (0.0, 0.0, 0.0)), dtype=float)

@@ -13,10 +13,10 @@ import pybullet
 import trimesh
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.rigid_body.rotation import inverse_pose
 from tactile_dynamics_ros.sim.bodies import (
     SHAPE_COLOUR,
     from_matrix,
-    inverse_pose,
     principal_frame,
 )
 from tactile_dynamics_ros.sim.planar.bed import SINK, Bed, Surface, feet_of, gathered
