@@ -71,7 +71,7 @@ class PayloadWriterNode(Shell):
         self._carried = CarriedLoad(self, self._config.contacts)
         self._waiting: list[tuple[float, Future]] = []
         self.create_service(Trigger, PAYLOAD_APPLY, self._apply, qos_profile=REQUESTS)
-        self.every(0.1, self._give_up)
+        self.every(0.1, self._give_up, always=True)
 
     async def _apply(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:
