@@ -16,6 +16,7 @@ import tactile_dynamics_ros
 from tactile_dynamics_ros.cli.bringup import configuration_files, nodes_of
 from tactile_dynamics_ros.cli.domain import private_domain
 from tactile_dynamics_ros.ros import names
+from tactile_dynamics_ros.ros.recorder import TRANSITIONS
 from tactile_dynamics_ros.ros.shell import Shell
 
 CONFIG = Path(tactile_dynamics_ros.__file__).parents[1] / "config"
@@ -46,6 +47,7 @@ class Access:
     def add(self, node: Shell) -> None:
         """Add what a running node has."""
         self.publish |= _topics(entry.topic_name for entry in node.publishers)
+        self.publish.add(f"{node.get_name()}{TRANSITIONS}")
         self.subscribe |= _topics(entry.topic_name for entry in node.subscriptions)
         self.reply |= {_general(entry.srv_name) for entry in node.services}
         self.request |= {_general(entry.srv_name) for entry in node.clients}

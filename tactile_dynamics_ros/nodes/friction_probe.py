@@ -225,10 +225,10 @@ class FrictionProbeNode(Shell):
         if not self.probe.running:
             self._targets |= dict(zip(message.names, message.positions.tolist(), strict=False))
 
-    def _stop(self) -> None:
+    def _stop(self, why: str) -> None:
         """End a probe at once; the hand stays where it is told to be."""
         if self.probe.running:
-            self.probe.halt("emergency stop")
+            self.probe.halt(why)
             self._tell()
 
     def _on_joints(self, message: Joints) -> None:

@@ -58,7 +58,7 @@ class PushControllerNode(Shell):
         self._heard = time.monotonic()
         self._target = self.create_publisher(PoseStamped, PUSHER_TARGET, 10)
         self._progress = self.latched(DiagnosticStatus, PUSH_PROGRESS)
-        self.stop = EmergencyStop(self, lambda: self._halt("the emergency stop is on"))
+        self.stop = EmergencyStop(self, self._halt)
         self.listen(PoseStamped, GOAL_POSE, self._on_goal)
         self.serve(PUSH_STOP, self._on_stop)
         self.every(0.2, self._tell)
