@@ -1,4 +1,4 @@
-"""Names of all topics and services: relative to the node's namespace; global where with a slash.
+"""Names of topics, services and actions: relative to the node's namespace; global with a slash.
 
 With `--ros-args -r __ns:=/left` a node listens to /left/object/pose, so that two hands live side by
 side. What belongs to the whole robot or to ROS stays global.
@@ -50,6 +50,7 @@ PROBE_PROGRESS = "friction_probe/progress"
 PROBE_SLIP = "friction_probe/slip"
 SHAPE_START = "shape_estimator/start"
 GOAL_POSE = "goal_pose"
+PUSH = "push_controller/push"
 PUSH_STOP = "push_controller/stop"
 PUSH_PROGRESS = "push_controller/progress"
 EXPLORE = "explorer/explore"

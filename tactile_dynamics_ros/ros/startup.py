@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import rclpy
+from rclpy.action import get_action_server_names_and_types_by_node
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
@@ -60,12 +61,15 @@ has twelve. Fewer would hide topics that differ, more would fill the terminal wi
 
 
 def introduce(node: Node) -> str:
-    """Return "started; listens to ..; publishes ..; offers ..", names relative to the namespace."""
+    """Return "started; listens to ..; publishes ..; ..", names relative to the namespace."""
     space = f"{node.get_namespace().rstrip('/')}/"
+    own = node.get_name(), node.get_namespace()
+    actions = get_action_server_names_and_types_by_node(node, *own)
     groups = {
         "listens to": (entry.topic_name for entry in node.subscriptions),
         "publishes": (entry.topic_name for entry in node.publishers),
         "offers": (entry.srv_name for entry in node.services),
+        "takes goals of": (name for name, _ in actions),
     }
     told = {words: _list(names, space) for words, names in groups.items()}
     return "; ".join(["started", *(f"{words} {names}" for words, names in told.items() if names)])
