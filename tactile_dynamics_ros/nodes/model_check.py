@@ -40,10 +40,15 @@ from tactile_dynamics_ros.ros.names import (
     MODEL_DIAGNOSIS,
     MODEL_ERROR,
     MODEL_RESIDUAL,
+    MODEL_VERDICT,
 )
 from tactile_dynamics_ros.ros.parameters import declare_config
 from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
-from tactile_dynamics_ros.ros.verdict_messages import effect_messages, verdict_message
+from tactile_dynamics_ros.ros.typed_messages import (
+    effect_messages,
+    typed_publisher,
+    verdict_message,
+)
 from tactile_dynamics_ros.ros.watch import Event, Watch, WatchConfig, keep_and_diagnose
 
 REST = 3.0
@@ -108,6 +113,7 @@ class ModelCheckNode(Shell):
         self.listen(DiagnosticArray, self._model.status, self._on_model, LATCHED)
         self._residual = self.stream(WrenchStamped, MODEL_RESIDUAL)
         self._error = self.latched(Float64, MODEL_ERROR)
+        self._verdict = typed_publisher(self, "Verdict", MODEL_VERDICT)
         self._diagnosis = self.latched(DiagnosticArray, MODEL_DIAGNOSIS)
         self.create_service(Trigger, DIAGNOSE, self._diagnose, qos_profile=REQUESTS)
         self.every(config.period, self._compare)
@@ -286,6 +292,8 @@ class ModelCheckNode(Shell):
             numbers = {k: v for k, v in candidate.items() if isinstance(v, float | int)}
             message.status.append(status_message(candidate["name"], numbers))
         self._diagnosis.publish(message)
+        if self._verdict is not None:
+            self._verdict.publish(verdict_message(document, self._kind, message.header))
 
 
 def main() -> int:
