@@ -51,6 +51,8 @@ setup(
         shared("config/objects", "*.yaml"),
         shared("config/robots", "*"),
         shared("config/objects/friction", "*.yaml"),
+        shared("interfaces/action", "*.action"),
+        shared("interfaces/msg", "*.msg"),
         shared("launch", "*.launch.py"),
     ],
     python_requires=">=3.11,<3.14",

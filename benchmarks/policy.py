@@ -16,8 +16,10 @@ import tactile_dynamics_ros
 from tactile_dynamics_ros.cli.bringup import configuration_files, nodes_of
 from tactile_dynamics_ros.cli.domain import private_domain
 from tactile_dynamics_ros.ros import names
+from tactile_dynamics_ros.ros.actions import interface
 from tactile_dynamics_ros.ros.recorder import TRANSITIONS
 from tactile_dynamics_ros.ros.shell import Shell
+from tactile_dynamics_ros.ros.startup import actions_of
 
 CONFIG = Path(tactile_dynamics_ros.__file__).parents[1] / "config"
 POLICY = CONFIG / "security_policy.xml"
@@ -43,6 +45,8 @@ class Access:
     subscribe: set[str] = field(default_factory=set)
     reply: set[str] = field(default_factory=set)
     request: set[str] = field(default_factory=set)
+    execute: set[str] = field(default_factory=set)
+    call: set[str] = field(default_factory=set)
 
     def add(self, node: Shell) -> None:
         """Add what a running node has."""
@@ -51,6 +55,7 @@ class Access:
         self.subscribe |= _topics(entry.topic_name for entry in node.subscriptions)
         self.reply |= {_general(entry.srv_name) for entry in node.services}
         self.request |= {_general(entry.srv_name) for entry in node.clients}
+        self.execute |= {_general(name) for name in actions_of(node)}
 
 
 def _topics(used: Iterable[str]) -> set[str]:
@@ -71,6 +76,8 @@ def _general(name: str) -> str:
 
 def accesses() -> dict[str, Access]:
     """Start every node of every shipped robot; return what each uses, by the name of its enclave.
+
+    Nodes offer their actions only where tactile_dynamics_msgs is installed.
 
     Beside the nodes there are `robot`, the driver of a real robot, which does what the simulated
     one does, and `operator`: people's tools, which may hear all, call what nodes offer, set
@@ -98,7 +105,8 @@ def accesses() -> dict[str, Access]:
     found["robot"] = Access(simulated.publish - {names.CLOCK}, set(simulated.subscribe))
     heard = {topic for node in nodes for topic in node.publish}
     offered = {service for node in nodes for service in node.reply}
-    found["operator"] = Access(moves, heard | moves, set(), offered - {SECRET})
+    goals = {action for node in nodes for action in node.execute}
+    found["operator"] = Access(moves, heard | moves, set(), offered - {SECRET}, call=goals)
     return {name: found[name] for name in sorted(found)}
 
 
@@ -122,6 +130,8 @@ def policy_of(found: dict[str, Access]) -> str:
         _allow(profile, "topic", "subscribe", access.subscribe | {"/parameter_events", names.CLOCK})
         _allow(profile, "service", "reply", access.reply)
         _allow(profile, "service", "request", access.request)
+        _allow(profile, "action", "execute", access.execute)
+        _allow(profile, "action", "call", access.call)
     ET.indent(root, "  ")
     head = "<!-- Made by `./dev bench policy`: what each node uses, and nothing else. -->"
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{head}\n{ET.tostring(root, "unicode")}\n'
@@ -142,6 +152,8 @@ def main() -> int:
         0.
     """
     argparse.ArgumentParser(description=f"{__doc__} Writes {POLICY}.").parse_args()
+    if interface("action.Push") is None:
+        raise SystemExit("error: tactile_dynamics_msgs is not installed; ./dev env builds it")
     with private_domain():
         POLICY.write_text(policy_of(accesses()))
     print(POLICY)

@@ -37,6 +37,7 @@ def run_probe(args: Namespace) -> int:
     from diagnostic_msgs.msg import DiagnosticStatus
 
     from tactile_dynamics_ros.ros.diagnostics import status_values
+    from tactile_dynamics_ros.ros.friction_messages import estimate_document
     from tactile_dynamics_ros.ros.names import PROBE, PROBE_ESTIMATE, PROBE_PROGRESS
     from tactile_dynamics_ros.ros.shell import LATCHED
 
@@ -74,27 +75,8 @@ def _final(estimates: list[dict[str, str]]) -> bool:
     return bool(estimates) and estimates[-1].get("final") == "True"
 
 
-def estimate_document(values: dict[str, str], message: str) -> dict[str, Any]:
-    """Return {"started", "message", "regions": {name: {"static", "interval", ...}}}."""
-    regions = {}
-    for name in [part for part in values.get("regions", "").split(",") if part]:
-        number = {key: float(values[f"{name}.{key}"]) for key in _NUMBERS}
-        regions[name] = {
-            "static": number["static"],
-            "std": number["std"],
-            "interval": [number["low"], number["high"]],
-            "kinetic": None if number["kinetic"] != number["kinetic"] else number["kinetic"],
-            "slips": int(number["slips"]),
-            "normal_moves": values[f"{name}.normal_moves"] == "True",
-        }
-    return {"started": True, "message": message, "regions": regions}
-
-
 def finger_gain(regions: dict[str, Any], reference: float) -> dict[str, float]:
     """Return what `estimate.gain` has to be multiplied by, from the region with most slips."""
     best = max(regions.values(), key=lambda region: region["slips"])
     value = reference / best["static"]
     return {"value": value, "std": value * best["std"] / best["static"]}
-
-
-_NUMBERS = ("static", "std", "low", "high", "kinetic", "slips")

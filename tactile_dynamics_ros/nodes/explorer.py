@@ -34,6 +34,7 @@ from tactile_dynamics_ros.core.planar.control.performance import (
     action_of,
 )
 from tactile_dynamics_ros.core.planar.mechanics.outline import convex_hull
+from tactile_dynamics_ros.ros.actions import CANCELED, Action
 from tactile_dynamics_ros.ros.background import Background
 from tactile_dynamics_ros.ros.conversions import pose_to_message
 from tactile_dynamics_ros.ros.diagnostics import status_message
@@ -146,11 +147,19 @@ class ExplorerNode(Shell):
         self.stop = EmergencyStop(self, lambda why: self._finish(why, False))
         self.create_service(Trigger, EXPLORE, self._explore, qos_profile=REQUESTS)
         self.create_service(Trigger, EXPLORE_CHANGE, self._change, qos_profile=REQUESTS)
+        self.action = Action(
+            self,
+            "Explore",
+            EXPLORE,
+            lambda goal: self._start(DirectionExplorer if goal.change else Explorer),
+            lambda: self._finish(CANCELED, False),
+        )
         self.every(0.1, self._advance)
 
     def destroy_node(self) -> None:
         """Stop the background work too."""
         self._background.close()
+        self.action.close()
         super().destroy_node()
 
     async def _explore(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -163,16 +172,19 @@ class ExplorerNode(Shell):
 
     async def _answer(self, kind: type[Explorer], response: Trigger.Response) -> Trigger.Response:
         try:
-            self.stop.require_released()
-            if self._run is not None:
-                raise NotIdentifiableError("it is already exploring")
-            self._run = Run(RosFuture(), self._explorers(kind), performance=self._freeing())
+            response.success, response.message = await self._start(kind)
         except TactileDynamicsError as error:
             response.success, response.message = False, str(error)
-            return response
-        self._heard = time.monotonic()
-        response.success, response.message = await self._run.answer
         return response
+
+    def _start(self, kind: type[Explorer]) -> RosFuture:
+        """Begin to explore, or say why not; return where the answer will be."""
+        self.stop.require_released()
+        if self._run is not None:
+            raise NotIdentifiableError("it is already exploring")
+        self._run = Run(RosFuture(), self._explorers(kind), performance=self._freeing())
+        self._heard = time.monotonic()
+        return self._run.answer
 
     def _explorers(self, kind: type[Explorer]) -> list[Explorer]:
         """One for each part; those of two parts only push, as how they hold together is unknown."""
@@ -352,6 +364,7 @@ class ExplorerNode(Shell):
         if self._run.actions:
             values |= {**self._run.actions[-1], "rivals": self._run.rivals}
         self._progress.publish(status_message("explorer", values, level, text))
+        self.action.tell(state, min(1.0, len(self._run.actions) / self.config.budget), text)
 
     def _finish(self, why: str, success: bool) -> None:
         """Leave the tip where it is and answer."""
@@ -366,6 +379,8 @@ class ExplorerNode(Shell):
         }
         answer, self._run = self._run.answer, None
         answer.set_result((success, json.dumps(told)))
+        known = told["properties"].get("undetermined", [])
+        self.action.end(success, why, told, actions=len(told["actions"]), undetermined=known)
 
     def _properties(self) -> dict[str, object]:
         """The newest estimate as `estimate --json` tells it; of two parts with what they are."""

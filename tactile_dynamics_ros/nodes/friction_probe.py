@@ -28,6 +28,7 @@ from tactile_dynamics_ros.core.robot.joint_uncertainty import Standstill
 from tactile_dynamics_ros.core.shape.friction_regions import ObjectSurface
 from tactile_dynamics_ros.core.streams.streams import ContactSample
 from tactile_dynamics_ros.core.tracking.pose_fusion import average_poses
+from tactile_dynamics_ros.ros.actions import Action
 from tactile_dynamics_ros.ros.contact_assembly import ContactAssembly
 from tactile_dynamics_ros.ros.conversions import (
     JointReader,
@@ -38,9 +39,13 @@ from tactile_dynamics_ros.ros.conversions import (
     to_seconds,
     uncertain_pose_to_core,
 )
-from tactile_dynamics_ros.ros.diagnostics import status_message
+from tactile_dynamics_ros.ros.diagnostics import status_message, status_values
 from tactile_dynamics_ros.ros.emergency import EmergencyStop
-from tactile_dynamics_ros.ros.friction_messages import estimate_status
+from tactile_dynamics_ros.ros.friction_messages import (
+    estimate_document,
+    estimate_status,
+    result_fields,
+)
 from tactile_dynamics_ros.ros.inputs import Need
 from tactile_dynamics_ros.ros.names import (
     BIOTAC_RAW,
@@ -132,12 +137,15 @@ class FrictionProbeNode(Shell):
         self.listen(Vector3Stamped, self._slip_topic, self._on_slip)
         self.listen(Image, BIOTAC_RAW, self._on_raw)
         self.listen(String, GRASP_PHASE, self._on_phase, LATCHED)
-        self._emergency = EmergencyStop(self, self._stop)
+        self._emergency = EmergencyStop(self, lambda: self._stop("emergency stop"))
         clock = StreamClock(self)
         self._assemblies = [
             ContactAssembly(self, f, self._taker(f), clock) for f in self.robot.fingers
         ]
         self.serve(PROBE, self.start)
+        self.action = Action(
+            self, "Probe", PROBE, lambda _: self.start(), lambda: self._stop("canceled")
+        )
 
     def start(self) -> str:
         """Start a probe, or say why not."""
@@ -186,6 +194,7 @@ class FrictionProbeNode(Shell):
     def destroy_node(self) -> None:
         """Leave the hand where it is told to be."""
         self._active.publish(Bool(data=False))
+        self.action.close()
         super().destroy_node()
 
     def _taker(self, finger: str) -> Callable[[ContactSample], None]:
@@ -294,10 +303,15 @@ class FrictionProbeNode(Shell):
         values = {"phase": state[0], "slips": state[1], "tried": probe.tried}
         level = DiagnosticStatus.WARN if probe.outcome else DiagnosticStatus.OK
         self._progress.publish(status_message("friction_probe", values, level, probe.outcome))
+        self.action.tell(state[0], probe.tried / probe.config.most_slips, f"{state[1]} slips")
         if state[1] != self._told[1] or probe.done:
-            self._estimate.publish(estimate_status(probe.estimates(), probe.done, probe.outcome))
+            estimate = estimate_status(probe.estimates(), probe.done, probe.outcome)
+            self._estimate.publish(estimate)
         if probe.done:
             self._active.publish(Bool(data=False))
+            told = estimate_document(status_values(estimate), estimate.message)
+            regions = told["regions"]
+            self.action.end(bool(regions), told["message"], told, **result_fields(regions))
         self._told = state
 
 

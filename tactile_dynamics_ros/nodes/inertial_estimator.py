@@ -29,6 +29,7 @@ from tactile_dynamics_ros.ros.held_streams import HeldStreams
 from tactile_dynamics_ros.ros.names import (
     CONTACTS,
     DIAGNOSE,
+    ESTIMATE,
     ESTIMATOR_RESET,
     ESTIMATOR_STATUS,
     INERTIA,
@@ -40,6 +41,7 @@ from tactile_dynamics_ros.ros.parameters import declare_config
 from tactile_dynamics_ros.ros.refitter import Refitter
 from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
 from tactile_dynamics_ros.ros.statuses import status_of, waiting_status
+from tactile_dynamics_ros.ros.typed_messages import estimate_message, typed_publisher
 
 Array = NDArray[np.float64]
 
@@ -87,6 +89,7 @@ class InertialEstimatorNode(Shell):
             self, config.contacts, self._on_pose, self._on_contact, self._forget, self._break
         )
         self._inertia = self.latched(InertiaStamped, INERTIA)
+        self._typed = typed_publisher(self, "Estimate", ESTIMATE)
         self._status = self.latched(DiagnosticArray, ESTIMATOR_STATUS)
         self._markers = EstimateMarkers(self)
         self.serve(ESTIMATOR_RESET, self.reset)
@@ -189,6 +192,9 @@ class InertialEstimatorNode(Shell):
         self._memory.keep(estimate, verdict, estimate.time)
         if not verdict.withheld:
             self._inertia.publish(inertia_to_message(estimate.inertia, estimate.time, "object"))
+            if self._typed is not None:
+                stamp = header(estimate.time, "object")
+                self._typed.publish(estimate_message(estimate, estimate.adequate, stamp))
         com = None if verdict.withheld else estimate.inertia.com
         self._markers.publish(estimate.time, com, estimate.parameter_std[1:4])
         self._newest = estimate

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -24,6 +25,7 @@ from tactile_dynamics_ros.core.errors import (
     NotIdentifiableError,
     TactileDynamicsError,
 )
+from tactile_dynamics_ros.ros.actions import Action
 from tactile_dynamics_ros.ros.background import Background
 from tactile_dynamics_ros.ros.checked_model import (
     MODELS,
@@ -38,9 +40,15 @@ from tactile_dynamics_ros.ros.names import (
     MODEL_DIAGNOSIS,
     MODEL_ERROR,
     MODEL_RESIDUAL,
+    MODEL_VERDICT,
 )
 from tactile_dynamics_ros.ros.parameters import declare_config
 from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
+from tactile_dynamics_ros.ros.typed_messages import (
+    effect_messages,
+    typed_publisher,
+    verdict_message,
+)
 from tactile_dynamics_ros.ros.watch import Event, Watch, WatchConfig, keep_and_diagnose
 
 REST = 3.0
@@ -62,6 +70,19 @@ class ModelCheckConfig:
         check_ranges(self)
 
 
+@dataclass(frozen=True)
+class Diagnosing:
+    """A diagnosis that was asked for.
+
+    Attributes:
+        effects: of the model. done: gets `work` when it is finished. work: in the background.
+    """
+
+    effects: tuple[str, ...]
+    done: RosFuture
+    work: Future[Document]
+
+
 class ModelCheckNode(Shell):
     """Keeps the last seconds, compares in the background, diagnoses on request.
 
@@ -78,6 +99,7 @@ class ModelCheckNode(Shell):
         spans = declare_config(self, LiveCheckConfig)
         self._watch = Watch(declare_config(self, WatchConfig, "watch."))
         kept = max(spans.diagnosis_window, self._watch.config.span)
+        self._kind = config.model
         self._model = checked_model(
             self, config.model, config.contacts, config.iterations, spans, kept
         )
@@ -85,20 +107,24 @@ class ModelCheckNode(Shell):
         self._streams = self._model.streams
         self._background = Background()
         self._comparison: Future[LiveComparison] | None = None
-        self._diagnosing: tuple[tuple[str, ...], RosFuture] | None = None
+        self._diagnosing: Diagnosing | None = None
         self._compared = -np.inf
         self._started = self._rest_until = 0.0
         self.listen(DiagnosticArray, self._model.status, self._on_model, LATCHED)
         self._residual = self.stream(WrenchStamped, MODEL_RESIDUAL)
         self._error = self.latched(Float64, MODEL_ERROR)
+        self._verdict = typed_publisher(self, "Verdict", MODEL_VERDICT)
         self._diagnosis = self.latched(DiagnosticArray, MODEL_DIAGNOSIS)
         self.create_service(Trigger, DIAGNOSE, self._diagnose, qos_profile=REQUESTS)
         self.every(config.period, self._compare)
+        self.action = Action(self, "Diagnose", DIAGNOSE, self._begin_goal, self._give_up_diagnosis)
         self.every(0.1, self._report)
+        self.every(1.0, self._tell)
 
     def destroy_node(self) -> None:
         """Stop the background work too."""
         self._background.close()
+        self.action.close()
         super().destroy_node()
 
     def process(self) -> None:
@@ -170,7 +196,8 @@ class ModelCheckNode(Shell):
     async def _diagnose(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Diagnose what is kept; the answer comes when it is finished."""
         try:
-            finished = await self._begin_diagnosis()
+            self.action.require_free()
+            finished = await self._begin_diagnosis().done
             document = finished.result()
         except TactileDynamicsError as error:
             response.success, response.message = False, str(error)
@@ -178,39 +205,75 @@ class ModelCheckNode(Shell):
         response.success, response.message = True, json.dumps(document)
         return response
 
-    def _begin_diagnosis(self) -> RosFuture:
+    def _begin_goal(self, _: Any) -> None:
+        """Start a diagnosis for the action, unless a service awaits one."""
+        if self._diagnosing is not None and not self._diagnosing.done.done():
+            raise NotIdentifiableError("a diagnosis that a service asked for is running")
+        self._begin_diagnosis().done.add_done_callback(self._end_goal)
+
+    def _end_goal(self, done: RosFuture) -> None:
+        finished: Future[Document] | None = done.result()
+        if finished is None:  # given up
+            return
+        if finished.exception() is not None:
+            self.action.end(False, str(finished.exception()))
+            return
+        document, stamp = finished.result(), header(self._window.newest, "object")
+        self.action.end(
+            True,
+            document.get("sentence") or document["verdict"],
+            document,
+            verdict=verdict_message(document, self._kind, stamp),
+            effects=effect_messages(document),
+        )
+
+    def _give_up_diagnosis(self) -> None:
+        """End the diagnosis that runs or waits."""
+        given_up, self._diagnosing = self._diagnosing, None
+        if given_up is not None and not given_up.done.done():
+            given_up.done.cancel()
+            if not given_up.work.cancel():
+                self._background.drop()
+
+    def _tell(self) -> None:
+        """Give feedback; how much is left depends on what will be found."""
+        self.action.tell("diagnosing", np.nan, f"for {self.action.elapsed:.0f} s")
+
+    def _begin_diagnosis(self) -> Diagnosing:
         """Start a diagnosis, or join one of the same model that is not finished yet.
 
         Raises:
             NotIdentifiableError: there are no measurements to diagnose.
         """
         if self._diagnosing is not None:
-            effects, running = self._diagnosing
-            if effects == self.check.effects and not running.done():
+            running = self._diagnosing
+            if running.effects == self.check.effects and not running.done.done():
                 return running
         state = self._streams.state
         try:
             work = self.check.diagnosis()
         except BadInputError as error:
             raise NotIdentifiableError(f"{error}; now: {state.text}") from error
-        done = self._diagnose_by(partial(diagnose_measured, work, state))
-        self._diagnosing = self.check.effects, done
-        return done
+        self._diagnosing = self._diagnose_by(partial(diagnose_measured, work, state))
+        return self._diagnosing
 
-    def _diagnose_by(self, work: Callable[[], Document]) -> RosFuture:
+    def _diagnose_by(self, work: Callable[[], Document]) -> Diagnosing:
         """Diagnose in the background and publish the document."""
         done = RosFuture()
         done.add_done_callback(self._publish)
 
         def hand_over(finished: Future[Document]) -> None:
-            if not self._background.closed:  # nothing can be published any longer
+            if not self._background.closed and not done.cancelled():  # else nobody is interested
                 done.set_result(finished)
 
-        self._background.submit(work).add_done_callback(hand_over)
-        return done
+        running = self._background.submit(work)
+        running.add_done_callback(hand_over)
+        return Diagnosing(self.check.effects, done, running)
 
     def _publish(self, done: RosFuture) -> None:
-        finished = done.result()
+        finished: Future[Document] | None = done.result()
+        if finished is None:  # given up
+            return
         if finished.exception() is not None:
             self.faults.add("not_diagnosed", str(finished.exception()))
             return
@@ -229,6 +292,8 @@ class ModelCheckNode(Shell):
             numbers = {k: v for k, v in candidate.items() if isinstance(v, float | int)}
             message.status.append(status_message(candidate["name"], numbers))
         self._diagnosis.publish(message)
+        if self._verdict is not None:
+            self._verdict.publish(verdict_message(document, self._kind, message.header))
 
 
 def main() -> int:

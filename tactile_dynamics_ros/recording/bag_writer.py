@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
 
 from tactile_dynamics_ros.core.errors import BadInputError, refuse_existing
 from tactile_dynamics_ros.core.files import written_whole
@@ -21,6 +22,7 @@ from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion
 from tactile_dynamics_ros.core.streams.streams import ContactStream, ImuStream, PoseStream, Streams
 from tactile_dynamics_ros.recording import topics
 from tactile_dynamics_ros.recording.cdr import encode_messages
+from tactile_dynamics_ros.share import share_file
 
 Array = NDArray[np.float64]
 Table = tuple[str, str, NDArray[np.int64], list[bytes]]
@@ -168,6 +170,15 @@ RESERVE = 16 << 20
 yet (1 MB, or one larger message), and the index, 100 bytes for each MB and topic recorded."""
 
 
+def _known_types() -> Typestore:
+    """Return the message types of ROS and those of interfaces/."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for name in ("Effect", "Estimate", "Verdict"):
+        text = share_file(f"interfaces/msg/{name}.msg").read_text()
+        store.register(get_types_from_msg(text, f"tactile_dynamics_msgs/msg/{name}"))
+    return store
+
+
 class LiveWriter:
     """Writes to a new rosbag2 directory, or to a file that ends in .mcap.
 
@@ -191,7 +202,7 @@ class LiveWriter:
         self.folder = path.with_name(f"{path.name}.part") if is_single_file(path) else path
         refuse_existing(self.folder)
         path.parent.mkdir(parents=True, exist_ok=True)
-        self._types = get_typestore(Stores.ROS2_JAZZY)
+        self._types = _known_types()
         self._writer = Writer(self.folder, version=9, storage_plugin=StoragePlugin.MCAP)
         self._writer.open()
         self._reserve = self.folder / ".reserve"

@@ -14,6 +14,7 @@ from threading import Thread
 from typing import Any, NamedTuple
 
 import rclpy
+from rclpy.action import ActionServer
 from rclpy.callback_groups import CallbackGroup
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
@@ -41,18 +42,20 @@ class Waiter:
 
     def __init__(self, node: Node, subscriptions: Callable[[], list[Subscription]]) -> None:
         self._node, self._subscriptions = node, subscriptions
-        self._size = (0, 0, 0)
+        self._size = (0, 0, 0, 0)
 
     def wait(self, timeout: float) -> bool:
         """Wait for at most `timeout` s; return whether a request or a response has come."""
         subscriptions = self._subscriptions()
         clients, services = list(self._node.clients), list(self._node.services)
-        size = (len(subscriptions), len(clients), len(services))
+        actions = [one for one in self._node.waitables if isinstance(one, ActionServer)]
+        size = (len(subscriptions), len(clients), len(services), len(actions))
         if size != self._size:
-            context = self._node.context.handle
-            self._set = rclpy_implementation.WaitSet(size[0], 0, 0, size[1], size[2], 0, context)
+            self._set = self._wait_set(size)
             self._size = size
         self._set.clear_entities()
+        for action in actions:  # first: the executor reads their places in its own, larger set
+            action.add_to_wait_set(self._set)
         for subscription in subscriptions:
             self._set.add_subscription(subscription.handle)
         for client in clients:
@@ -62,6 +65,22 @@ class Waiter:
         self._set.wait(max(0, int(timeout * NANOSECONDS)))
         ready = self._set.get_ready_entities
         return bool(ready("service") or ready("client"))
+
+    def _wait_set(self, size: tuple[int, int, int, int]) -> Any:
+        """Return a wait set for so many subscriptions, clients, services and actions.
+
+        An action has three services (goal, cancel, result) and a timer that forgets old results.
+        """
+        subscriptions, clients, services, actions = size
+        return rclpy_implementation.WaitSet(
+            subscriptions,
+            0,
+            actions,
+            clients,
+            services + 3 * actions,
+            0,
+            self._node.context.handle,
+        )
 
 
 class SecondParticipant:

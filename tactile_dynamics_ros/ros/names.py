@@ -1,4 +1,4 @@
-"""Names of all topics and services: relative to the node's namespace; global where with a slash.
+"""Names of topics, services and actions: relative to the node's namespace; global with a slash.
 
 With `--ros-args -r __ns:=/left` a node listens to /left/object/pose, so that two hands live side by
 side. What belongs to the whole robot or to ROS stays global.
@@ -38,10 +38,12 @@ TARE = "biotac_force/tare"
 GRASP_PHASE = "grasp_controller/phase"
 GRASP_START = "grasp_controller/start"
 INERTIA = "inertial_estimator/inertia"
+ESTIMATE = "inertial_estimator/estimate"
 ESTIMATOR_STATUS = "inertial_estimator/status"
 ESTIMATOR_RESET = "inertial_estimator/reset"
 MODEL_ERROR = "model_check/error"
 MODEL_RESIDUAL = "model_check/residual"
+MODEL_VERDICT = "model_check/verdict"
 MODEL_DIAGNOSIS = "model_check/diagnosis"
 DIAGNOSE = "model_check/diagnose"
 PROBE = "friction_probe/probe"
@@ -51,6 +53,7 @@ PROBE_PROGRESS = "friction_probe/progress"
 PROBE_SLIP = "friction_probe/slip"
 SHAPE_START = "shape_estimator/start"
 GOAL_POSE = "goal_pose"
+PUSH = "push_controller/push"
 PUSH_STOP = "push_controller/stop"
 PUSH_PROGRESS = "push_controller/progress"
 EXPLORE = "explorer/explore"

@@ -6,12 +6,14 @@ from pathlib import Path
 
 import pytest
 import rclpy
+from rclpy.action import get_action_server_names_and_types_by_node
 from test_node_parameters import node_class
 
 import tactile_dynamics_ros
 from tactile_dynamics_ros.cli.live import node_names
 from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.ros import names
+from tactile_dynamics_ros.ros.actions import INTERFACES, interface
 
 ROBOT = load_robot()
 PUSHING = ("pusher", "pad_left", "pad_right")
@@ -23,10 +25,16 @@ GLOBAL = {names.CLOCK, names.DIAGNOSTICS, names.EMERGENCY_STOP, names.TF}
 OF_ROS = ("/rosout", "/parameter_events")
 
 
-def documented(heading, columns):
-    """Return the rows of the table under a heading of docs/ros.md, without the last column."""
+def documented(heading, columns, first=""):
+    """Return the rows of a table under a heading of docs/ros.md, without the last column.
+
+    Args:
+        heading: of the section. columns: of the table.
+        first: heading of its first column, where the section has several tables.
+    """
     text = (ROOT / "docs" / "ros.md").read_text().split(f"## {heading}\n")[1].split("\n## ")[0]
-    lines = [line for line in text.splitlines() if line.startswith("|")][2:]
+    table = text[text.index(f"| {first}") :].split("\n\n")[0]
+    lines = [line for line in table.splitlines() if line.startswith("|")][2:]
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
     assert all(len(row) == columns and row[-1] for row in rows), rows
     return {tuple(cell.replace("`", "") for cell in row[:-1]) for row in rows}
@@ -56,8 +64,9 @@ STARTS = [
 
 @pytest.fixture(scope="module")
 def interfaces():
-    """Return publishers and subscribers of topics, and servers and clients of services."""
+    """Return publishers and subscribers of topics, servers and clients of services, actions."""
     topics, services = (defaultdict(lambda: (set(), set())) for _ in range(2))
+    actions = set()
     for node_name, arguments in STARTS:
         rclpy.init(args=["--ros-args", "-r", f"__ns:={HAND}", *arguments])
         node = node_class(node_name)()
@@ -72,9 +81,12 @@ def interfaces():
             of_ros = resolved.startswith((*OF_ROS, f"{HAND}/{node_name}/get_type_description"))
             if not of_ros and not type_name(kind).startswith(("rcl_interfaces", "lifecycle_msgs")):
                 where[name_of(resolved), type_name(kind)][side].add(node_name)
+        own = node.get_name(), node.get_namespace()
+        for name, (kind,) in get_action_server_names_and_types_by_node(node, *own):
+            actions.add((name_of(name), kind.replace("/action/", "/"), node_name))
         node.destroy_node()
         rclpy.shutdown()
-    return topics, services
+    return topics, services, actions
 
 
 def listed(found):
@@ -93,6 +105,8 @@ def test_topics_are_documented(interfaces):
         importlib.import_module("tf2_msgs.msg")
     except ImportError:
         expected.add(("/tf", "tf2_msgs/TFMessage", "kinematic_tracker", "-"))
+    if interface("msg.Estimate") is None:
+        expected |= {row for row in documented("Topics", 5) if row[1].startswith(INTERFACES)}
     assert documented("Topics", 5) == expected
 
 
@@ -100,6 +114,16 @@ def test_services_are_documented(interfaces):
     assert documented("Services", 5) == listed(interfaces[1])
 
 
+@pytest.mark.skipif(interface("action.Push") is None, reason="tactile_dynamics_msgs is not built")
+def test_actions_are_documented(interfaces):
+    assert documented("Actions", 4, "action") == interfaces[2]
+
+
+def test_the_messages_of_the_package_are_documented():
+    files = (ROOT / "interfaces" / "msg").glob("*.msg")
+    assert documented("Actions", 2, "message") == {(f"{INTERFACES}/{f.stem}",) for f in files}
+
+
 def test_only_what_all_hands_share_is_global(interfaces):
-    names_used = {name for found in interfaces for name, _ in found}
+    names_used = {name for found in interfaces[:2] for name, _ in found}
     assert {name for name in names_used if name.startswith("/")} <= GLOBAL

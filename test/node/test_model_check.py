@@ -83,7 +83,7 @@ def test_a_diagnosis_that_a_stop_ends_is_not_published(bench, capfd):
     while node._background.busy and time.monotonic() < deadline:
         time.sleep(0.01)
     assert not node._background.busy
-    assert not any(answer.done() for answer in answers)
+    assert not any(answer.done.done() for answer in answers)
     assert capfd.readouterr().err == ""
 
 

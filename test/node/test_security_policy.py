@@ -2,9 +2,12 @@
 
 import xml.etree.ElementTree as ET
 
+import pytest
+
 from benchmarks.policy import POLICY, accesses, policy_of
 from tactile_dynamics_ros.cli.supervisor import node_command
 from tactile_dynamics_ros.ros import names
+from tactile_dynamics_ros.ros.actions import interface
 
 
 def allowed(action):
@@ -18,6 +21,7 @@ def allowed(action):
     return found
 
 
+@pytest.mark.skipif(interface("action.Push") is None, reason="tactile_dynamics_msgs is not built")
 def test_the_shipped_policy_is_what_the_nodes_use():
     assert POLICY.read_text() == policy_of(accesses()), "run ./dev bench policy"
 
@@ -27,6 +31,9 @@ def test_only_a_person_stops_motion_calls_for_it_and_nobody_asks_for_the_truth()
     assert allowed("publish")[names.GOAL_POSE] == {"operator"}
     for service in (names.GRASP_START, names.EXPLORE, names.PROBE, names.SHAPE_START):
         assert allowed("request")[service] == {"operator"}
+    for action in (names.EXPLORE, names.PROBE, names.PUSH):
+        assert allowed("call")[action] == {"operator"}
+        assert allowed("execute")[action] == {action.partition("/")[0]}
     assert names.REVEAL not in allowed("request")
 
 

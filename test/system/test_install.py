@@ -28,6 +28,7 @@ from synthetic_recording import held_box
 
 import tactile_dynamics_ros
 from tactile_dynamics_ros.cli.bringup import node_names
+from tactile_dynamics_ros.ros import interface_build
 
 ROOT = Path(tactile_dynamics_ros.__file__).parents[1]
 PACKAGE = "tactile_dynamics_ros"
@@ -47,7 +48,8 @@ STAND_INS = {
     "python3": """[[ "$1 $2 $3" == "-m venv --system-site-packages" ]] || exec {python} "$@"
         {here} -m venv --without-pip "$4" && cp --recursive --symbolic-link --no-clobber \\
             {root}/lib/. "$4/lib/" """,
-    "colcon": 'PYTHONPATH={libraries} exec {python} {colcon} "$@"',
+    # ament_cmake's wheels name folders of the machine that built them, so interfaces are left out
+    "colcon": 'PYTHONPATH={libraries} exec {python} {colcon} "$@" --packages-skip {interfaces}',
     "ros2": """case "$1 $2" in
         "run {package}") exec "$(echo $AMENT_PREFIX_PATH | cut -d: -f1)/lib/$2/$3" "${{@:4}}" ;;
         "launch {package}") exec tactile-dynamics up --json ;;
@@ -123,7 +125,7 @@ def with_stand_ins(environment, home):
     """Return the variables of a shell with stand-ins for what a robot has from apt."""
     facts = {"package": PACKAGE, "here": sys.executable, "python": environment.python}
     facts |= {"colcon": COLCON, "libraries": COLCON.parents[1] / "lib" / environment_library()}
-    facts["root"] = environment.root
+    facts |= {"root": environment.root, "interfaces": interface_build.PACKAGE}
     tools = home / "tools"
     tools.mkdir()
     for name, body in STAND_INS.items():
@@ -362,6 +364,20 @@ def test_the_command_alone_is_in_path_after_sourcing(robot):
     assert "viscous_drag" in done.stdout
 
 
+def test_colcon_finds_both_packages_where_readme_looks(source, tmp_path):
+    (tmp_path / "src").mkdir()
+    (tmp_path / "src" / PACKAGE).symlink_to(source)
+    line = next(line for line in robot_block()[0].splitlines() if line.startswith("colcon build"))
+    folders = line.partition("--base-paths ")[2].partition(" &&")[0].split()
+    words = [sys.executable, COLCON, "list", "--base-paths", *folders]
+    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True)
+    found = {tuple(line.split("\t")) for line in done.stdout.splitlines()}
+    assert {(name, kind) for name, _, kind in found} == {
+        (PACKAGE, "(ros.ament_python)"),
+        (interface_build.PACKAGE, "(ros.ament_cmake)"),
+    }
+
+
 def test_a_wheel_brings_one_command_of_its_own_environment(machine):
     first = (machine.root / "bin" / "tactile-dynamics").read_text().splitlines()[0]
     assert first == f"#!{machine.python}"
@@ -378,7 +394,8 @@ def test_all_that_ros2_looks_for_is_where_it_looks(robot):
     done = robot.run(robot.python, "-c", program)
     prefix, share = (Path(line) for line in done.stdout.split())
     assert prefix == robot.prefix
-    configuration = [p.relative_to(ROOT) for p in (ROOT / "config").rglob("*") if p.is_file()]
+    shipped = [*(ROOT / "config").rglob("*"), *(ROOT / "interfaces").glob("*/*")]
+    configuration = [p.relative_to(ROOT) for p in shipped if p.is_file()]
     for name in ("package.xml", "launch/bringup.launch.py", *configuration):
         assert (share / name).is_file(), name
 

@@ -229,6 +229,7 @@ ROOMS = {
         "what nodes share: shell, wire, conversions, parameters, diagnostics",
         (
             "core/contact",
+            "core/effects",
             "core/friction",
             _INERTIA + "batch",
             _INERTIA + "compensation",
@@ -241,6 +242,7 @@ ROOMS = {
             "core/planar/actions",
             "core/planar/control",
             "core/planar/diagnosis",
+            "core/planar/effects",
             "core/planar/filter",
             "core/planar/mechanics",
             "core/planar/memory",

@@ -111,6 +111,7 @@ class Arm:
         for k, joint in enumerate(self.joints):
             before = found[:, k] @ self.fixed[k]
             found[:, k + 1] = before
+            assert joint.axis is not None  # they move
             moved = positions[:, k, None] * joint.axis
             if joint.slides:
                 found[:, k + 1, :3, 3] += np.einsum("nij,nj->ni", before[:, :3, :3], moved)

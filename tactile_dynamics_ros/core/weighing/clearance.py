@@ -106,7 +106,7 @@ def _apart(one: Hull, other: Hull, poses: Array, margin: float) -> Array:
     near = bound < margin
     if near.any():
         at = between[near]
-        back: Array = np.linalg.inv(at)
+        back = np.array(np.linalg.inv(at), dtype=float)
         sharper = np.maximum(_separation(one, other, at), _separation(other, one, back))
         bound[near] = np.maximum(bound[near], sharper)
     return bound

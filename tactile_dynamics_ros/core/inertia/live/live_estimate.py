@@ -114,6 +114,11 @@ class LiveEstimate(InertialEstimate):
         return data_directions(mapped, *self.information)
 
     @property
+    def adequate(self) -> bool:
+        """Whether the model explains the measurements, all of them and the newest ones."""
+        return max(self.recent.rms, self.error.whitened_rms) <= MISFIT
+
+    @property
     def remarks(self) -> tuple[str, ...]:
         """One plain sentence per parameter that the motion so far does not determine."""
         return tuple(
