@@ -20,6 +20,7 @@ NODES = (
     "robot_sim",
     "shape_estimator",
     "vision_tracker",
+    "weigher",
     "wrench_compensator",
 )
 
@@ -53,6 +54,7 @@ setup(
         shared("config/objects/friction", "*.yaml"),
         shared("interfaces/action", "*.action"),
         shared("interfaces/msg", "*.msg"),
+        shared("interfaces/srv", "*.srv"),
         shared("launch", "*.launch.py"),
     ],
     python_requires=">=3.11,<3.14",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -17,17 +18,16 @@ from geometry_msgs.msg import (
 from numpy.typing import NDArray
 from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import CameraInfo, Image, JointState
+from sensor_msgs.msg import Image, JointState
 from std_msgs.msg import Float64, String
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.ros.arm_scene import ArmScene
 from tactile_dynamics_ros.ros.conversions import (
     JointReader,
     MessageError,
     biotac_to_message,
-    camera_info,
-    depth_to_message,
     joints_to_message,
     pose_to_core,
     pose_to_message,
@@ -36,14 +36,13 @@ from tactile_dynamics_ros.ros.conversions import (
     uncertain_pose_to_message,
     wrench_to_message,
 )
+from tactile_dynamics_ros.ros.depth_streams import DepthStreams
 from tactile_dynamics_ros.ros.names import (
     BEGIN,
     BIOTAC_RAW,
-    CAMERA_INFO,
     CAMERA_POSE,
     CAMERA_TARGET,
     CLOCK,
-    DEPTH_IMAGE,
     GRIPPER_TARGET,
     JOINT_COMMAND,
     JOINT_STATES,
@@ -70,7 +69,6 @@ from tactile_dynamics_ros.ros.wire import Joints, Stamp, Stamped, encode_clock, 
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.sim.planar.simulated_table import TableReadings
-    from tactile_dynamics_ros.sim.sensors.depth_camera import DepthCameraConfig
     from tactile_dynamics_ros.sim.simulated_robot import Readings
 
 Array = NDArray[np.float64]
@@ -82,15 +80,15 @@ UPRIGHT = 0.99
 """Cosine of the lean of a target of the pusher that is taken for upright: 8 deg, more than tables
 lean; beyond it somebody means another gripper."""
 
-CAMERA_FRAME = "camera_depth_optical_frame"
-
 
 @dataclass(frozen=True)
 class SceneConfig:
     """What is simulated; each scene has parameters of its own."""
 
     scene: str = parameter(
-        "hand", "hand: arm, hand and object; table: objects, a moving camera, an arm that pushes"
+        "hand",
+        "hand: arm, hand and object; table: objects, a moving camera, an arm that pushes; arm: a "
+        "wrist sensor, a tool and a load",
     )
     place_contacts: bool = parameter(
         True, "of an arm that pushes: publish contacts in the world, not forces of sensors"
@@ -98,8 +96,8 @@ class SceneConfig:
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        if self.scene not in ("hand", "table"):
-            raise BadInputError(f"scene '{self.scene}': expected hand or table")
+        if self.scene not in SCENES:
+            raise BadInputError(f"scene '{self.scene}': expected one of {', '.join(SCENES)}")
 
 
 class Scene(Protocol):
@@ -140,7 +138,7 @@ class RobotSim(Shell):
         self.late: DelayLine[tuple[Publisher, object]] = DelayLine()
         self.pace = Pace(self.config)
         self.shown = declare_config(self, SceneConfig)
-        self.scene: Scene = (TableScene if self.shown.scene == "table" else HandScene)(self)
+        self.scene: Scene = SCENES[self.shown.scene](self)
         self._ticks = self.create_publisher(Clock, CLOCK, 10)
         self.serve(REVEAL, lambda: json.dumps(self.scene.reveal() | self.pace.counts()))
         self.every(PERIOD / self.config.real_time_factor, self._tick)
@@ -159,33 +157,6 @@ class RobotSim(Shell):
 
     def _measure_pace(self) -> None:
         self.faults.show("real_time_factor", round(self.pace.measure(self.scene.time), 4))
-
-
-class _DepthStreams:
-    """Image and intrinsics of a depth camera, which come late.
-
-    Args:
-        node: that publishes.
-        camera: its optics.
-    """
-
-    def __init__(self, node: RobotSim, camera: DepthCameraConfig) -> None:
-        self._node, self._optics = node, camera
-        self._depth = node.stream(Image, DEPTH_IMAGE)
-        self._camera = node.stream(CameraInfo, CAMERA_INFO)
-
-    @property
-    def heard(self) -> bool:
-        """Whether anybody wants images."""
-        return self._depth.get_subscription_count() > 0
-
-    def add(self, depth: NDArray[np.float32], time: float) -> None:
-        """Publish an image of a simulated time when it is due."""
-        optics = self._optics
-        info = camera_info(optics.intrinsics, optics.width, optics.height, time, CAMERA_FRAME)
-        due = time + self._node.config.vision_latency
-        self._node.late.add(due, (self._camera, info))
-        self._node.late.add(due, (self._depth, depth_to_message(depth, time, CAMERA_FRAME)))
 
 
 class TableScene:
@@ -208,7 +179,9 @@ class TableScene:
         self.table = SimulatedTable(declare_config(node, SimulatedTableConfig), PERIOD)
         self.reveal = self.table.reveal
         node.serve(BEGIN, self.table.begin)
-        self._depth = _DepthStreams(node, self.table.camera.config)
+        self._depth = DepthStreams(
+            node, self.table.camera.config, node.late, node.config.vision_latency
+        )
         self._camera_pose = node.stream(PoseStamped, CAMERA_POSE)
         self._pusher, self._joints = PusherStreams(node), node.stream(JointState, JOINT_STATES)
         streams = ContactStreams if node.shown.place_contacts else SensorStreams
@@ -304,7 +277,9 @@ class HandScene:
         self._pads = [self._pad_streams(f) for f in self.machine.fingers if self._has_pads]
         self._wrist = node.stream(WrenchStamped, WRIST_WRENCH)
         self._vision = node.stream(PoseWithCovarianceStamped, VISION_POSE)
-        self._depth = _DepthStreams(node, self.robot.camera.config)
+        self._depth = DepthStreams(
+            node, self.robot.camera.config, node.late, node.config.vision_latency
+        )
         node.latched(String, ROBOT_DESCRIPTION).publish(String(data=self.machine.urdf))
         node.listen(JointState, JOINT_COMMAND, self._on_command)
         self._commands: DelayLine[tuple[Array, tuple[str, ...]]] = DelayLine()
@@ -376,6 +351,19 @@ class HandScene:
         stamp = _checked_stamp(message.stamp, self.time, JOINT_COMMAND)
         self._commands.add(stamp + self.config.command_latency, (reader.positions(message), names))
         self.node.pace.note_command(stamp, self.time)
+
+
+def _arm_scene(node: RobotSim) -> Scene:
+    from tactile_dynamics_ros.sim.carrying_arm import CarryingArm, CarryingArmConfig
+
+    return ArmScene(node, CarryingArm(declare_config(node, CarryingArmConfig), PERIOD))
+
+
+SCENES: dict[str, Callable[[RobotSim], Scene]] = {
+    "hand": HandScene,
+    "table": TableScene,
+    "arm": _arm_scene,
+}
 
 
 def _checked_stamp(stamp: Stamp, now: float, topic: str) -> float:

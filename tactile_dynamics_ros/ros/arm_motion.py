@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -179,16 +180,8 @@ class ArmMotion:
 
     def _send(self, times: Array, positions: Array, velocities: Array) -> None:
         assert self._motion is not None
-        message = JointTrajectory(joint_names=list(self._motion.names))
-        for moment, place, rate in zip(times, positions, velocities, strict=True):
-            seconds = int(moment)
-            since = Duration(sec=seconds, nanosec=round(1e9 * (moment - seconds)))
-            message.points.append(
-                JointTrajectoryPoint(
-                    positions=place.tolist(), velocities=rate.tolist(), time_from_start=since
-                )
-            )
-        self._command.publish(message)
+        names = self._motion.names
+        self._command.publish(trajectory_message(names, times, positions, velocities))
 
     def _on_joints(self, message: Joints) -> None:
         self._heard[JOINT_STATES] = time.monotonic()
@@ -219,3 +212,26 @@ class ArmMotion:
                 f"the sensor reads {force:.0f} N, {torque:.1f} N m: more than max_force = "
                 f"{self.config.max_force:g} N or max_torque = {self.config.max_torque:g} N m"
             )
+
+
+def trajectory_message(
+    names: Sequence[str], times: Array, positions: Array, velocities: Array
+) -> JointTrajectory:
+    """Return a trajectory.
+
+    Args:
+        names: of the J joints.
+        times: (N,) s from the start.
+        positions: (N, J) rad.
+        velocities: (N, J) rad/s.
+    """
+    message = JointTrajectory(joint_names=list(names))
+    for moment, place, rate in zip(times, positions, velocities, strict=True):
+        seconds = int(moment)
+        since = Duration(sec=seconds, nanosec=round(1e9 * (moment - seconds)))
+        message.points.append(
+            JointTrajectoryPoint(
+                positions=place.tolist(), velocities=rate.tolist(), time_from_start=since
+            )
+        )
+    return message

@@ -65,7 +65,7 @@ REVEAL = "robot_sim/reveal"
 BEGIN = "robot_sim/begin"
 ATTACH = "robot_sim/attach"
 DETACH = "robot_sim/detach"
-SET_PAYLOAD = "robot_sim/set_payload"
+SET_PAYLOAD = "arm/set_payload"
 VISION_SCORE = "vision_tracker/score"
 VISION_RESET = "vision_tracker/reset"
 

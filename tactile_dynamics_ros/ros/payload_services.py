@@ -25,6 +25,8 @@ class Driver:
             the controller goes to it.
         said: whether the driver has taken it, and what it says, from the response.
         needs_inertia: whether a request without inertia would be taken for a body of none.
+        takes_tool: whether it means all that the flange carries; if not, the load beside a tool
+            that the controller knows by itself.
         before: called first, in the same folder as the service; what they answer does not count.
         after: called when it has succeeded, in the same folder.
     """
@@ -34,6 +36,7 @@ class Driver:
     fill: Callable[[Any, InertialParameters, bool, float], None]
     said: Callable[[Any], tuple[bool, str]]
     needs_inertia: bool = False
+    takes_tool: bool = True
     before: tuple[Driver, ...] = ()
     after: tuple[Driver, ...] = ()
 
@@ -60,6 +63,12 @@ def _fill_ur(request: Any, body: InertialParameters, known: bool, transition: fl
     written = InertialParameters(body.mass, body.com, inertia)
     request.payload = inertia_to_message(written, 0.0, "").inertia
     request.transition_time = transition
+
+
+def _fill_other(request: Any, body: InertialParameters, known: bool, transition: float) -> None:
+    """kg, m, kg m^2 about the centre of mass, and whether that is known."""
+    _fill_ur(request, body, known, transition)
+    request.inertia_known = known
 
 
 def _fill_franka(request: Any, body: InertialParameters, known: bool, transition: float) -> None:
@@ -115,6 +124,7 @@ DRIVERS = {
         _fill_franka,
         lambda response: (response.success, response.error),
         needs_inertia=True,
+        takes_tool=False,
     ),
     "xarm": Driver(
         "xarm_msgs/srv/SetTcpLoad",
@@ -129,6 +139,12 @@ DRIVERS = {
         _said_doosan,
         before=(_doosan("ConfigDeleteTool", "config_delete_tool"),),
         after=(_doosan("SetCurrentTool", "set_current_tool"),),
+    ),
+    "other": Driver(
+        "tactile_dynamics_msgs/srv/SetPayload",
+        "/arm/set_payload",
+        _fill_other,
+        lambda response: (response.success, response.message),
     ),
 }
 """Drivers by the name of their arm, with units as their definitions and manuals have them."""

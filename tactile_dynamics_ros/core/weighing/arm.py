@@ -91,6 +91,11 @@ class Arm:
         hulls, unknown = _read_hulls(urdf, places, folder)
         return cls(joints, np.array(fixed), places[tip][1], tuple(hulls), tuple(unknown))
 
+    @staticmethod
+    def root_of(urdf: str) -> str:
+        """Return the link that no joint carries."""
+        return str(parse_urdf(urdf).get_root())
+
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the joints, base first."""
