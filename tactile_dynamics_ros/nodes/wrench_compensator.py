@@ -107,6 +107,7 @@ class WrenchCompensatorNode(Shell):
         self._std = self.stream(WrenchStamped, COMPENSATED_STD)
         self._valid = self.latched(Bool, COMPENSATED_VALID)
         self.every(LOOK, self._say_validity)
+        self.stops.append(self._say_valid)
 
     def _new_motion(self) -> CausalMotion:
         return FeltMotion() if self._config.imu else CausalMotion()
@@ -171,8 +172,13 @@ class WrenchCompensatorNode(Shell):
             self.faults.show("acceleration_delay_ms", round(1e3 * motion.acceleration_delay, 1))
         now, valid = clock.monotonic(), not reason
         if valid is not self._said or now >= self._say_again:
-            self._said, self._say_again = valid, now + REPEAT
-            self._valid.publish(Bool(data=valid))
+            self._say_again = now + REPEAT
+            self._say_valid(reason)
+
+    def _say_valid(self, reason: str) -> None:
+        """Publish that wrenches are valid, or are not for a reason: the topic is latched."""
+        self._said = not reason
+        self._valid.publish(Bool(data=self._said))
 
     def _doubt(self) -> str:
         """Why the wrenches are not to be believed now; empty if they are."""

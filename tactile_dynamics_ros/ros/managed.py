@@ -77,7 +77,8 @@ class ManagedNode(LifecycleNodeMixin, AnsweringNode):
 
     Attributes:
         active: whether the node works.
-        stops: called with the reason when the node ceases to be active; must end all motion.
+        stops: called with the reason when the node ceases to be active; must end all motion, and
+            take back what a latched topic says and nobody watches any longer.
     """
 
     active = False

@@ -58,7 +58,11 @@ class Driver:
 
 
 def _fill_ur(request: Any, body: InertialParameters, known: bool, transition: float) -> None:
-    """kg, m, kg m^2 about the centre of mass."""
+    """kg, m, kg m^2 about the centre of mass; Jazzy's ur_msgs takes mass and centre alone."""
+    if not hasattr(request, "payload"):
+        request.mass, centre = float(body.mass), request.center_of_gravity
+        centre.x, centre.y, centre.z = (float(value) for value in body.com)
+        return
     inertia = body.inertia_com if known else np.zeros((3, 3))
     written = InertialParameters(body.mass, body.com, inertia)
     request.payload = inertia_to_message(written, 0.0, "").inertia

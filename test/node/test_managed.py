@@ -16,10 +16,16 @@ from std_srvs.srv import Trigger
 from test_grasp_controller import Robot
 from test_push_nodes import Table
 
-from tactile_dynamics_ros.nodes import explorer, inertial_estimator
+from tactile_dynamics_ros.nodes import explorer, inertial_estimator, wrench_compensator
 from tactile_dynamics_ros.ros import wire
 from tactile_dynamics_ros.ros.diagnostics import Statuses
-from tactile_dynamics_ros.ros.names import DIAGNOSTICS, EMERGENCY_STOP, ESTIMATOR_RESET, EXPLORE
+from tactile_dynamics_ros.ros.names import (
+    COMPENSATED_VALID,
+    DIAGNOSTICS,
+    EMERGENCY_STOP,
+    ESTIMATOR_RESET,
+    EXPLORE,
+)
 from tactile_dynamics_ros.ros.shell import LATCHED, STREAM, Shell, spin
 
 SOON = 1.0
@@ -269,6 +275,19 @@ def test_an_emergency_stop_that_came_while_inactive_counts_after_activation(benc
     robot.node.trigger_activate()
     robot.run(0.3)
     assert "emergency stop is on" in robot.ask().message
+
+
+def test_a_compensator_takes_its_validity_back_when_deactivated(bench, monkeypatch):
+    """The topic is latched, and a controller would go on believing it."""
+    bench.start(lambda: Shell("controller"))
+    node = bench.start(wrench_compensator.WrenchCompensatorNode)
+    monkeypatch.setattr(node, "_doubt", lambda: "")
+    told = bench.follow(Bool, COMPENSATED_VALID, profile=LATCHED)
+    bench.until(lambda: told and told[-1].data)
+    node.trigger_deactivate()
+    bench.until(lambda: not told[-1].data)
+    node.trigger_activate()
+    bench.until(lambda: told[-1].data)
 
 
 def test_a_camera_pose_that_is_published_by_an_inactive_shell_is_not_sent(bench):

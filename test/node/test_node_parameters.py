@@ -65,6 +65,23 @@ def test_node_starts_with_shipped_configuration_and_describes_parameters(start, 
     assert all(node.describe_parameter(n).description for n in own)
 
 
+def typed_parameters():
+    """Return the parameters of each node that pages tell people to type."""
+    pages = [CONFIG.parent / "README.md", *sorted((CONFIG.parent / "docs").rglob("*.md"))]
+    found = {}
+    for page in pages:
+        text = page.read_text().replace("\\\n", " ")
+        for name, words in re.findall(r"^ros2 run tactile_dynamics_ros (\w+) (.*)$", text, re.M):
+            found.setdefault(name, set()).update(re.findall(r"-p ([\w.]+):=", words))
+    return sorted(found.items())
+
+
+@pytest.mark.parametrize(("name", "parameters"), typed_parameters())
+def test_a_node_has_the_parameters_that_pages_say(start, name, parameters):
+    node = start(name)
+    assert {p for p in parameters if not node.has_parameter(p)} == set()
+
+
 @pytest.mark.parametrize("name", node_names())
 def test_node_refuses_a_parameter_that_nobody_reads(start, name):
     from tactile_dynamics_ros.core.errors import BadInputError

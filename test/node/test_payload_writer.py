@@ -22,6 +22,10 @@ BODY = InertialParameters(0.731, np.array([0.011, -0.007, 0.023]), np.diag([9e-4
 DEFINITIONS = {
     "ur_msgs": (
         "srv/SetPayload.srv",
+        "float32 mass\ngeometry_msgs/Vector3 center_of_gravity\n---\nbool success\n",
+    ),
+    "ur_msgs_rolling": (
+        "srv/SetPayload.srv",
         "geometry_msgs/Inertia payload\nfloat64 transition_time\n---\nbool success\n",
     ),
     "franka_msgs": (
@@ -34,7 +38,7 @@ DEFINITIONS = {
         "float32 weight\nfloat32[] center_of_gravity\n---\nint32 ret\nstring message\n",
     ),
 }
-"""Services of the drivers, as their packages define them."""
+"""Services of the drivers, as their packages define them; that of a UR in Jazzy and in Rolling."""
 TOOLS = {
     "srv/ConfigCreateTool.srv": "string name\nfloat64 weight\nfloat64[3] cog\n"
     "float64[6] inertia\n---\nbool success\n",
@@ -117,17 +121,26 @@ def apply(bench, node):
     return future.result()
 
 
-def test_a_ur_gets_kilograms_metres_and_the_inertia(bench, tmp_path):
+def test_a_ur_gets_kilograms_and_metres(bench, tmp_path):
     node = start(bench, file_of(tmp_path))
     answer = apply(bench, node)
     assert answer.success, answer.message
     (given,) = bench.nodes[1].given
-    assert given.payload.m == pytest.approx(BODY.mass)
-    com = given.payload.com
+    assert given.mass == pytest.approx(BODY.mass)
+    com = given.center_of_gravity
     np.testing.assert_allclose([com.x, com.y, com.z], BODY.com)
-    np.testing.assert_allclose(
-        [given.payload.ixx, given.payload.iyy, given.payload.izz], np.diag(BODY.inertia_com)
-    )
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_later_driver_of_a_ur_gets_the_inertia_where_it_is_known(known):
+    kind = importlib.import_module("ur_msgs_rolling.srv").SetPayload
+    given = kind.Request()
+    DRIVERS["ur"].fill(given, BODY, known, 1.0)
+    payload = given.payload
+    assert payload.m == pytest.approx(BODY.mass)
+    np.testing.assert_allclose([payload.com.x, payload.com.y, payload.com.z], BODY.com)
+    moments = np.diag(BODY.inertia_com) if known else np.zeros(3)
+    np.testing.assert_allclose([payload.ixx, payload.iyy, payload.izz], moments)
     assert given.transition_time == 1.0
 
 
@@ -141,9 +154,10 @@ def test_the_frame_of_the_pose_is_placed_in_the_flange(bench, tmp_path):
     node = start(bench, file_of(tmp_path), *words)
     assert apply(bench, node).success
     (given,) = bench.nodes[1].given
-    com = given.payload.com
+    com = given.center_of_gravity
     np.testing.assert_allclose([com.x, com.y, com.z], [0.007, 0.011, 0.123], atol=1e-9)
-    assert given.payload.ixx == pytest.approx(BODY.inertia_com[1, 1])
+    body, _ = node.payload(DRIVERS["franka"])
+    assert body.inertia_com[0, 0] == pytest.approx(BODY.inertia_com[1, 1])
 
 
 def test_franka_gets_a_matrix_and_xarm_millimetres(bench, tmp_path):
@@ -206,11 +220,11 @@ def test_what_is_in_doubt_or_too_heavy_is_not_handed_over(bench, tmp_path, file,
     assert bench.nodes[1].given == []
 
 
-def test_without_inertia_a_franka_gets_nothing_and_a_ur_zeros(bench, tmp_path):
+def test_without_inertia_a_franka_gets_nothing_and_a_ur_the_rest(bench, tmp_path):
     file = file_of(tmp_path, undetermined=("inertia_xx",))
     node = start(bench, file)
     assert apply(bench, node).message.endswith("without inertia")
-    assert bench.nodes[1].given[0].payload.ixx == 0.0
+    assert bench.nodes[1].given[0].mass == pytest.approx(BODY.mass)
     franka = start(bench, file, controller="franka", arm=False)
     assert "its inertia is not known" in apply(bench, franka).message
 
