@@ -9,8 +9,6 @@ import signal
 import sys
 import time
 from argparse import Namespace, _SubParsersAction
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from tactile_dynamics_ros.cli.topics import (
@@ -23,6 +21,7 @@ from tactile_dynamics_ros.cli.topics import (
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError, nearest
 from tactile_dynamics_ros.core.options import POSITIVE
 from tactile_dynamics_ros.core.reading import parse_yaml
+from tactile_dynamics_ros.stopping import StopRequest
 
 if TYPE_CHECKING:
     from rclpy.action.client import ClientGoalHandle
@@ -146,7 +145,9 @@ def send_goal(
         BadInputError: nobody offers the action.
         TactileDynamicsError: it is rejected, too late, or its node has ended.
     """
-    with _held_back() as signals:
+    with (
+        StopRequest() as stop
+    ):  # an exception amid rclpy's work may lose the answer that is awaited
         sent = _Sent(node, kind, name, feedback)
         result = sent.accepted(goal).get_result_async()
         gone, deadline = absence(sent.client.server_is_ready), time.monotonic() + timeout
@@ -154,7 +155,7 @@ def send_goal(
         def over() -> bool:
             now = time.monotonic()
             late = now > deadline or now - sent.heard > patience
-            return bool(result.done()) or gone() or late or bool(signals)
+            return bool(result.done()) or gone() or late or stop.requested
 
         spin_until(node, over, math.inf)
         if result.done():
@@ -162,6 +163,8 @@ def send_goal(
         if gone():
             raise TactileDynamicsError(f"action '{name}': its node ended before it answered")
         sent.cancel(result)
+    if stop.requested:
+        signal.raise_signal(signal.SIGINT)
     raise TactileDynamicsError(f"action '{name}': not done in time, canceled")
 
 
@@ -201,26 +204,6 @@ class _Sent:
         self.heard = time.monotonic()
         if self._feedback:
             _tell(message.feedback)
-
-
-@contextmanager
-def _held_back() -> Iterator[list[int]]:
-    """Collect Ctrl-C and SIGTERM, and let them end the command when the context is left.
-
-    An exception amid what rclpy does may lose the answer that names the goal to be canceled.
-    """
-    came: list[int] = []
-    usual = {
-        number: signal.signal(number, lambda number, _: came.append(number))
-        for number in (signal.SIGINT, signal.SIGTERM)
-    }
-    try:
-        yield came
-    finally:
-        for number, handler in usual.items():
-            signal.signal(number, handler)
-        if came:
-            signal.raise_signal(came[0])
 
 
 def _tell(told: Any) -> None:
