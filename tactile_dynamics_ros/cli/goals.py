@@ -145,9 +145,7 @@ def send_goal(
         BadInputError: nobody offers the action.
         TactileDynamicsError: it is rejected, too late, or its node has ended.
     """
-    with (
-        StopRequest() as stop
-    ):  # an exception amid rclpy's work may lose the answer that is awaited
+    with StopRequest() as stop:  # an exception amid rclpy's work may lose an answer
         sent = _Sent(node, kind, name, feedback)
         result = sent.accepted(goal).get_result_async()
         gone, deadline = absence(sent.client.server_is_ready), time.monotonic() + timeout

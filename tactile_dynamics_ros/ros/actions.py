@@ -16,6 +16,8 @@ from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from rclpy.task import Future
+from rclpy.type_support import check_for_type_support
+from rosidl_generator_py.import_type_support_impl import UnsupportedTypeSupport
 
 from tactile_dynamics_ros.core.errors import NotIdentifiableError, TactileDynamicsError
 
@@ -33,9 +35,11 @@ def interface(kind: str) -> Any:
     """
     folder, _, name = kind.partition(".")
     try:
-        return getattr(importlib.import_module(f"{INTERFACES}.{folder}"), name)
-    except (ImportError, OSError):  # not there, or built for another Python
+        found = getattr(importlib.import_module(f"{INTERFACES}.{folder}"), name)
+        check_for_type_support(found)
+    except (ImportError, OSError, UnsupportedTypeSupport):  # not there, or built for other wheels
         return None
+    return found
 
 
 class Action:
