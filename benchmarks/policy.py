@@ -17,6 +17,7 @@ from tactile_dynamics_ros.cli.bringup import configuration_files, nodes_of
 from tactile_dynamics_ros.cli.domain import private_domain
 from tactile_dynamics_ros.ros import names
 from tactile_dynamics_ros.ros.actions import interface
+from tactile_dynamics_ros.ros.recorder import TRANSITIONS
 from tactile_dynamics_ros.ros.shell import Shell
 from tactile_dynamics_ros.ros.startup import actions_of
 
@@ -50,6 +51,7 @@ class Access:
     def add(self, node: Shell) -> None:
         """Add what a running node has."""
         self.publish |= _topics(entry.topic_name for entry in node.publishers)
+        self.publish.add(f"{node.get_name()}{TRANSITIONS}")
         self.subscribe |= _topics(entry.topic_name for entry in node.subscriptions)
         self.reply |= {_general(entry.srv_name) for entry in node.services}
         self.request |= {_general(entry.srv_name) for entry in node.clients}

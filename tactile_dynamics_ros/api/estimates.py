@@ -264,19 +264,26 @@ class Estimate(ReportedResult):
             misfit="" if self.fits else self.question.misfit,
         )
 
-    def export(self, form: str, name: str = "object") -> Export:
-        """Return the body as urdf, sdf, mjcf, ur or franka takes it.
+    def export(self, form: str, name: str = "object", shape: str | Path | None = None) -> Export:
+        """Return the body as urdf, sdf, mjcf, ur, franka or moveit takes it.
+
+        Args:
+            form: of `tactile_dynamics_ros.export.FORMATS`.
+            name: of the link, model or object.
+            shape: of "moveit": yaml file of an object, or mesh, in the axes of the object's pose.
 
         Raises:
-            BadInputError: there is no such format.
+            BadInputError: there is no such format, or it takes no shape.
             NotIdentifiableError: the numbers are no answer, or what the format needs is not known.
         """
+        from tactile_dynamics_ros.core.shape.object_shape import load_shape
         from tactile_dynamics_ros.export import export
 
         if self.question.whitened_rms > GROSS_MISFIT:
             raise NotIdentifiableError(self.question.misfit)
         self._require_known()
-        return export(self.found, form, self.recording.source, name, self._doubts())
+        surface = None if shape is None else load_shape(Path(shape))
+        return export(self.found, form, self.recording.source, name, self._doubts(), surface)
 
     def _doubts(self) -> list[str]:
         """Return what speaks against using the numbers."""

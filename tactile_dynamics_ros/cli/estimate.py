@@ -38,8 +38,14 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     parser.add_argument(
         "--export",
         metavar="FORMAT",
-        help="print the body as urdf, sdf, mjcf, ur (payload call) or franka (SetLoad request) "
-        "instead; refused if the recording does not tell it",
+        help="print the body as urdf, sdf, mjcf, ur (payload call), franka (SetLoad request) or "
+        "moveit (attached object) instead; refused if the recording does not tell it",
+    )
+    parser.add_argument(
+        "--shape",
+        metavar="FILE",
+        help="of --export moveit: yaml file of an object, or mesh (m), in the axes of its pose; "
+        "else the box with the same inertia",
     )
     parser.add_argument(
         "--tool",
@@ -84,6 +90,8 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
 
 def run(args: Namespace) -> int:
     """Estimate and print; the exit code is 3 where the numbers are no answer."""
+    if args.shape and not args.export:
+        raise BadInputError("--shape is of --export moveit")
     args.model = model_of(args)  # asked of the recording once
     if args.model == "pushed":
         return _estimate_pushed(args)
@@ -157,7 +165,7 @@ def _export(args: Namespace, found: Estimate) -> str:
     """
     if args.json:
         raise BadInputError("--export prints the block alone; leave out --json")
-    block = found.export(args.export)
+    block = found.export(args.export, shape=args.shape)
     for line in block.doubts:
         print(f"warning: {line}", file=sys.stderr)
     for line in block.left_out:

@@ -11,6 +11,8 @@ import numpy as np
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
+from tactile_dynamics_ros.core.shape.object_shape import ObjectShape
+from tactile_dynamics_ros.export.moveit import attached_object
 
 Writer = Callable[[InertialParameters, str, list[str], bool], str]
 """(body, name, remarks, whether the inertia is known) -> text."""
@@ -152,6 +154,11 @@ def admittance_controller(
     )
 
 
+def moveit(body: InertialParameters, name: str, remarks: list[str], known: bool) -> str:
+    """Return moveit_msgs/AttachedCollisionObject as yaml; without a shape, an equivalent box."""
+    return attached_object(body, name, remarks, None)
+
+
 def _named(names: str, values: Iterable[float]) -> str:
     """Return components as KRL writes them."""
     return ",".join(f"{key} {_number(float(v))}" for key, v in zip(names, values, strict=True))
@@ -203,6 +210,7 @@ FORMATS: dict[str, Writer] = {
     "kuka": kuka,
     "control_toolbox": control_toolbox,
     "admittance_controller": admittance_controller,
+    "moveit": moveit,
 }
 """Writer of each format."""
 _WITHOUT_INERTIA = ("ur", "xarm", "control_toolbox", "admittance_controller")
@@ -234,6 +242,7 @@ def export(
     source: str = "",
     name: str = "object",
     doubts: Sequence[str] = (),
+    shape: ObjectShape | None = None,
 ) -> Export:
     """Write an estimate as a block of a simulator or robot.
 
@@ -243,24 +252,30 @@ def export(
         source: the recording, for the comment.
         name: of the link or model.
         doubts: sentences on why the numbers should not be used; they begin the comment.
+        shape: of the object, in the axes of its pose, for the format that takes one.
 
     Raises:
-        BadInputError: there is no such format.
+        BadInputError: there is no such format, or it takes no shape.
         NotIdentifiableError: the recording does not tell what the format needs.
     """
     if form not in FORMATS:
         raise BadInputError(f"export {form}: expected one of {', '.join(FORMATS)}")
+    if shape is not None and form != "moveit":
+        raise BadInputError(f"export {form}: it takes no shape, only moveit does")
     open_inertia = any(one.startswith("inertia") for one in estimate.not_excited)
-    _require_known(estimate, form)
+    _require_known(estimate, form, form in _WITHOUT_INERTIA or shape is not None)
     left_out = _left_out(estimate, open_inertia)
     remarks = [f"WARNING: {doubt}" for doubt in doubts] + _remarks(estimate, source, form)
     remarks += [f"left out: {line}" for line in left_out]
-    text = FORMATS[form](estimate.inertia, name, remarks, not open_inertia)
+    if shape is None:
+        text = FORMATS[form](estimate.inertia, name, remarks, not open_inertia)
+    else:
+        text = attached_object(estimate.inertia, name, remarks, shape)
     return Export(text + "\n", tuple(left_out), tuple(doubts))
 
 
-def _require_known(estimate: InertialEstimate, form: str) -> None:
-    """Check that the recording tells what the format needs.
+def _require_known(estimate: InertialEstimate, form: str, without_inertia: bool) -> None:
+    """Check that the recording tells what the format needs, perhaps `without_inertia`.
 
     Raises:
         NotIdentifiableError: it does not.
@@ -268,7 +283,7 @@ def _require_known(estimate: InertialEstimate, form: str) -> None:
     needed = [
         name
         for name in estimate.not_excited
-        if form not in _WITHOUT_INERTIA or not name.startswith("inertia")
+        if not (without_inertia and name.startswith("inertia"))
     ]
     if not needed:
         return

@@ -144,7 +144,7 @@ class ExplorerNode(Shell):
         self._jaws = self.create_publisher(Float64, GRIPPER_TARGET, 10)
         self._width: float | None = None
         self._progress = self.latched(DiagnosticStatus, EXPLORE_PROGRESS)
-        self.stop = EmergencyStop(self, lambda: self._finish("the emergency stop is on", False))
+        self.stop = EmergencyStop(self, lambda why: self._finish(why, False))
         self.create_service(Trigger, EXPLORE, self._explore, qos_profile=REQUESTS)
         self.create_service(Trigger, EXPLORE_CHANGE, self._change, qos_profile=REQUESTS)
         self.action = Action(

@@ -137,7 +137,7 @@ class FrictionProbeNode(Shell):
         self.listen(Vector3Stamped, self._slip_topic, self._on_slip)
         self.listen(Image, BIOTAC_RAW, self._on_raw)
         self.listen(String, GRASP_PHASE, self._on_phase, LATCHED)
-        self._emergency = EmergencyStop(self, lambda: self._stop("emergency stop"))
+        self._emergency = EmergencyStop(self, self._stop)
         clock = StreamClock(self)
         self._assemblies = [
             ContactAssembly(self, f, self._taker(f), clock) for f in self.robot.fingers

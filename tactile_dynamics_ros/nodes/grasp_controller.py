@@ -142,11 +142,11 @@ class GraspControllerNode(Shell):
         self._moving = True
         return "the arm moves what is held" if held else f"grasping {self.config.object}"
 
-    def _stop(self) -> None:
+    def _stop(self, why: str) -> None:
         """End all motion; the robot stays where it was last told to be."""
         if self._moving:
             self._moving = False
-            self._announce("stopped", outcome="emergency stop")
+            self._announce("stopped", outcome=why)
 
     def _forget(self, phase: str) -> None:
         """Wait for a start, knowing nothing."""

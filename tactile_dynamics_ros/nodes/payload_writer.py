@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.client import Client
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
@@ -30,7 +31,7 @@ from tactile_dynamics_ros.ros.shell import Shell, run_node
 class PayloadConfig:
     """To whom the payload is handed, and what is refused."""
 
-    controller: str = parameter("", "of the arm: ur, franka or xarm")
+    controller: str = parameter("", "of the arm: ur, franka, xarm or doosan")
     service: str = parameter("", "name of the driver's service; empty: its usual one")
     contacts: tuple[str, ...] = parameter(CONTACTS, "names of the contacts of the estimate")
     maximum_mass: float = parameter(
@@ -54,6 +55,13 @@ class PayloadConfig:
     patience: float = parameter(5.0, "time for the driver's answer", "s", 0.1, 60.0)
 
 
+class Call(NamedTuple):
+    """A service of the driver, and the client of it."""
+
+    driver: Driver
+    client: Client
+
+
 class PayloadWriterNode(Shell):
     """Serves payload/apply; nothing is handed over unless it is called, nor what is in doubt."""
 
@@ -62,16 +70,18 @@ class PayloadWriterNode(Shell):
         self._config = declare_config(self, PayloadConfig)
         self._driver: Driver | None = None
         if self._config.controller:
-            self._driver = driver_of(self._config.controller)
-            self._kind = self._driver.load()
-            name = self._config.service or self._driver.service
+            driver = self._driver = driver_of(self._config.controller)
+            name = self._config.service or driver.service
+            folder = name.rpartition("/")[0]
             # In a group of its own: the answer comes while the call that asked for it still runs.
-            group = MutuallyExclusiveCallbackGroup()
-            self._arm = self.create_client(self._kind, name, callback_group=group)
+            self._group = MutuallyExclusiveCallbackGroup()
+            self._before = [self._call(one, f"{folder}/{one.service}") for one in driver.before]
+            self._arm = self._call(driver, name)
+            self._after = [self._call(one, f"{folder}/{one.service}") for one in driver.after]
         self._carried = CarriedLoad(self, self._config.contacts)
         self._waiting: list[tuple[float, Future]] = []
         self.create_service(Trigger, PAYLOAD_APPLY, self._apply, qos_profile=REQUESTS)
-        self.every(0.1, self._give_up)
+        self.every(0.1, self._give_up, always=True)
 
     async def _apply(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:
@@ -79,10 +89,14 @@ class PayloadWriterNode(Shell):
             if driver is None:
                 raise NotIdentifiableError("nothing handed over: parameter controller is not set")
             body, known = self.payload(driver)
-            request = self._kind.Request()
-            driver.fill(request, body, known, self._config.transition_time)
-            text = _describe(body, known)
-            response.success, response.message = self._said(driver, await self._ask(request), text)
+            self._require_driver()
+            for call in self._before:
+                await self._ask(call, body, known)
+            for call in (self._arm, *self._after):
+                answer = await self._ask(call, body, known)
+                response.success, response.message = _said(call, answer, _describe(body, known))
+                if not response.success:
+                    break
         except TactileDynamicsError as error:
             response.success, response.message = False, str(error)
         self.get_logger().info(response.message)
@@ -124,20 +138,32 @@ class PayloadWriterNode(Shell):
         place = turn @ body.com + np.array(config.flange_xyz)
         return InertialParameters(body.mass, place, turn @ body.inertia_com @ turn.T), known
 
-    async def _ask(self, request: Any) -> Any:
+    def _call(self, driver: Driver, name: str) -> Call:
+        return Call(driver, self.create_client(driver.load(), name, callback_group=self._group))
+
+    def _require_driver(self) -> None:
+        """Check that all services of the driver are there, before any is called.
+
+        Raises:
+            NotIdentifiableError: one is not.
+        """
+        for call in (*self._before, self._arm, *self._after):
+            if not call.client.service_is_ready():
+                name = call.client.srv_name
+                text = f"nothing handed over: {name} is not there; is the driver running?"
+                raise NotIdentifiableError(text)
+
+    async def _ask(self, call: Call, body: InertialParameters, known: bool) -> Any:
         """Return the driver's answer; None if none comes in time.
 
         Args:
-            request: of its service.
-
-        Raises:
-            NotIdentifiableError: the driver's service is not there.
+            call: what is asked.
+            body: the payload.
+            known: whether its inertia is known.
         """
-        if not self._arm.service_is_ready():
-            raise NotIdentifiableError(
-                f"nothing handed over: {self._arm.srv_name} is not there; is the driver running?"
-            )
-        answer = self._arm.call_async(request)
+        request = call.client.srv_type.Request()
+        call.driver.fill(request, body, known, self._config.transition_time)
+        answer = call.client.call_async(request)
         self._waiting.append((time.monotonic() + self._config.patience, answer))
         return await answer
 
@@ -149,12 +175,13 @@ class PayloadWriterNode(Shell):
                 answer.set_result(None)
         self._waiting = [entry for entry in self._waiting if not entry[1].done()]
 
-    def _said(self, driver: Driver, response: Any, text: str) -> tuple[bool, str]:
-        """Return whether the driver has taken the payload, and a sentence."""
-        if response is None:
-            return False, f"{self._arm.srv_name} did not answer; it may have {text}"
-        taken, said = driver.said(response)
-        return taken, f"handed over: {text}" if taken else f"refused by the driver: {said or text}"
+
+def _said(call: Call, response: Any, text: str) -> tuple[bool, str]:
+    """Return whether the driver has taken the payload, and a sentence."""
+    if response is None:
+        return False, f"{call.client.srv_name} did not answer; it may have {text}"
+    taken, said = call.driver.said(response)
+    return taken, f"handed over: {text}" if taken else f"refused by the driver: {said or text}"
 
 
 def _describe(body: InertialParameters, known: bool) -> str:

@@ -62,7 +62,7 @@ class PushControllerNode(Shell):
         self._heard, self._farthest = time.monotonic(), 0.0
         self._target = self.create_publisher(PoseStamped, PUSHER_TARGET, 10)
         self._progress = self.latched(DiagnosticStatus, PUSH_PROGRESS)
-        self.stop = EmergencyStop(self, lambda: self._halt("the emergency stop is on"))
+        self.stop = EmergencyStop(self, self._halt)
         self.listen(PoseStamped, GOAL_POSE, self._on_goal)
         self.serve(PUSH_STOP, self._on_stop)
         self.action = Action(self, "Push", PUSH, self._begin, lambda: self._halt(CANCELED))

@@ -137,11 +137,11 @@ class ShapeEstimatorNode(Shell):
             answer, self._search = self._search.answer, None
             answer.set_result((success, text))
 
-    def _halt(self) -> None:
+    def _halt(self, why: str) -> None:
         """Keep the camera where it is."""
         if self._search is not None:
             self._target.publish(pose_to_message(*self._camera.latest(), WORLD))
-            self._finish(False, "stopped: the emergency stop is on")
+            self._finish(False, f"stopped: {why}")
 
 
 def main() -> int:

@@ -14,12 +14,12 @@ from typing import Any
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.node import Node
 from rclpy.task import Future
 from rclpy.type_support import check_for_type_support
 from rosidl_generator_py.import_type_support_impl import UnsupportedTypeSupport
 
 from tactile_dynamics_ros.core.errors import NotIdentifiableError, TactileDynamicsError
+from tactile_dynamics_ros.ros.managed import ManagedNode
 
 INTERFACES = "tactile_dynamics_msgs"
 """Package of the actions and typed messages, built by colcon or by `ros.interface_build`."""
@@ -58,7 +58,7 @@ class Action:
 
     def __init__(
         self,
-        node: Node,
+        node: ManagedNode,
         kind: str,
         name: str,
         begin: Callable[[Any], None],
@@ -155,6 +155,7 @@ class Action:
             if goal.is_cancel_requested:
                 self.end(False, CANCELED)
             else:
+                self._node.require_active()
                 self._begin(goal.request)
         except TactileDynamicsError as error:
             self.end(False, str(error))

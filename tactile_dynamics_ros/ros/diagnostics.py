@@ -86,11 +86,13 @@ class Faults:
     Attributes:
         counts: of faults, by kind.
         troubles: what is wrong with the node's inputs now; the level is WARN while there is any.
+        idle: why the node does nothing, though nothing is wrong.
     """
 
     def __init__(self, node: Node) -> None:
         self.counts: Counter[str] = Counter()
         self.troubles: Sequence[str] = ()
+        self.idle = ""
         self._node = node
         self._followed: Counter[str] = Counter()
         self._reported: Counter[str] = Counter()
@@ -142,7 +144,7 @@ class Faults:
             self._node.get_fully_qualified_name().lstrip("/"),
             {**self._shown, "inputs": "; ".join(self.troubles) or "ok", **self.counts},
             DiagnosticStatus.WARN if said else DiagnosticStatus.OK,
-            "; ".join(said) or "ok",
+            "; ".join(said) or self.idle or "ok",
         )
         self._send(status)
 

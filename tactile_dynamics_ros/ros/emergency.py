@@ -1,4 +1,4 @@
-"""The emergency stop, for every node that commands motion."""
+"""The emergency stop, for every node that commands motion; deactivating it stops it as well."""
 
 from __future__ import annotations
 
@@ -10,6 +10,9 @@ from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.ros.names import EMERGENCY_STOP
 from tactile_dynamics_ros.ros.shell import LATCHED, STREAM, Shell
 
+ON = "the emergency stop is on"
+"""Reason that a stopped motion gives."""
+
 
 class EmergencyStop:
     """Follows /emergency_stop (std_msgs/Bool): true stops the node at once, false moves nothing.
@@ -20,17 +23,19 @@ class EmergencyStop:
 
     Args:
         node: that commands motion.
-        stop: called at each true; must end all motion.
+        stop: called with the reason at each true and when the node is deactivated; must end all
+            motion.
 
     Attributes:
         active: whether the stop is on.
     """
 
-    def __init__(self, node: Shell, stop: Callable[[], None]) -> None:
+    def __init__(self, node: Shell, stop: Callable[[str], None]) -> None:
         self.active = False
         self._stop = stop
+        node.stops.append(stop)
         for profile in (LATCHED, STREAM):
-            node.listen(Bool, EMERGENCY_STOP, self._take, profile)
+            node.listen(Bool, EMERGENCY_STOP, self._take, profile, always=True)
 
     def require_released(self) -> None:
         """Check that motion may begin.
@@ -39,11 +44,9 @@ class EmergencyStop:
             NotIdentifiableError: the stop is on.
         """
         if self.active:
-            raise NotIdentifiableError(
-                f"the emergency stop is on; publish false on {EMERGENCY_STOP} to release it"
-            )
+            raise NotIdentifiableError(f"{ON}; publish false on {EMERGENCY_STOP} to release it")
 
     def _take(self, message: Bool) -> None:
         self.active = message.data
         if message.data:
-            self._stop()
+            self._stop(ON)

@@ -192,6 +192,12 @@ class Inputs:
         self._found[full] = found
         return found
 
+    def wait_anew(self) -> None:
+        """Count silence from now on: the node begins to work."""
+        self.troubles = ()
+        for found in self._found.values():
+            found.heard = time.monotonic()
+
     def has_rivals(self, topic: str) -> bool:
         """Whether two publish on a topic (as it was given to `Shell.listen`) at once."""
         now = time.monotonic()

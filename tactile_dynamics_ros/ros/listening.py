@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import rclpy
 from rclpy.action import ActionServer
+from rclpy.callback_groups import CallbackGroup
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -125,6 +126,21 @@ class SecondParticipant:
         self._context.try_shutdown()
 
 
+class Polled(CallbackGroup):
+    """Callback group that no executor serves, because the node takes both itself."""
+
+    def can_execute(self, entity: Any) -> bool:
+        """Never."""
+        return False
+
+    def beginning_execution(self, entity: Any) -> bool:
+        """Never."""
+        return False
+
+    def ending_execution(self, entity: Any) -> None:
+        """Do nothing."""
+
+
 REQUESTS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 """Services: requests that may wait; a script sends hundreds at once, of which `ANSWER_BURST` are
 answered every `ANSWER_SPAN`."""
@@ -171,6 +187,8 @@ class Listening:
         source: what comes on it.
         skim: while the node skims, only so many of those taken together are handed over; 0: all.
         numbers: of the messages, where two publishers at once are left out.
+        always: whether messages are handed over while the node is not active, too.
+        waits: whether they wait for an active node, as what a latched topic says is said once.
         through: the participant of the subscription, where it is not that of the node.
         spare: one through yet another participant, until either hears something.
     """
@@ -180,6 +198,8 @@ class Listening:
     source: Input
     skim: int
     numbers: Numbers | None
+    always: bool = False
+    waits: bool = False
     through: SecondParticipant | None = None
     spare: tuple[Subscription, SecondParticipant] | None = None
 

@@ -16,7 +16,7 @@ from tactile_dynamics_ros.ros.conversions import inertia_to_message
 
 @dataclass(frozen=True)
 class Driver:
-    """A driver's service.
+    """A driver's service, and those beside it that are called before and after it.
 
     Attributes:
         kind: type of the service, package/srv/Name.
@@ -25,6 +25,8 @@ class Driver:
             the controller goes to it.
         said: whether the driver has taken it, and what it says, from the response.
         needs_inertia: whether a request without inertia would be taken for a body of none.
+        before: called first, in the same folder as the service; what they answer does not count.
+        after: called when it has succeeded, in the same folder.
     """
 
     kind: str
@@ -32,6 +34,8 @@ class Driver:
     fill: Callable[[Any, InertialParameters, bool, float], None]
     said: Callable[[Any], tuple[bool, str]]
     needs_inertia: bool = False
+    before: tuple[Driver, ...] = ()
+    after: tuple[Driver, ...] = ()
 
     def load(self) -> type[Any]:
         """Return the type of the service.
@@ -71,6 +75,33 @@ def _fill_xarm(request: Any, body: InertialParameters, known: bool, transition: 
     request.center_of_gravity = [1e3 * float(value) for value in body.com]
 
 
+TOOL = "tactile_dynamics_payload"
+"""Name under which a Doosan's controller keeps the payload among its tools."""
+
+
+def _fill_doosan(request: Any, body: InertialParameters, known: bool, transition: float) -> None:
+    """kg, mm; inertia is left at zero: the vendor states neither its unit nor its order."""
+    request.name = TOOL
+    request.weight = float(body.mass)
+    request.cog = [1e3 * float(value) for value in body.com]
+
+
+def _fill_name(request: Any, body: InertialParameters, known: bool, transition: float) -> None:
+    """Name the tool."""
+    request.name = TOOL
+
+
+def _said_doosan(response: Any) -> tuple[bool, str]:
+    """Whether it was taken; tools change in manual mode only."""
+    why = "no reason given; its tools can be changed in manual mode only"
+    return response.success, "" if response.success else why
+
+
+def _doosan(name: str, service: str) -> Driver:
+    """Return a service that takes the name of the tool alone."""
+    return Driver(f"dsr_msgs2/srv/{name}", service, _fill_name, _said_doosan)
+
+
 DRIVERS = {
     "ur": Driver(
         "ur_msgs/srv/SetPayload",
@@ -90,6 +121,14 @@ DRIVERS = {
         "/xarm/set_tcp_load",
         _fill_xarm,
         lambda response: (response.ret == 0, response.message),
+    ),
+    "doosan": Driver(
+        "dsr_msgs2/srv/ConfigCreateTool",
+        "/dsr01/tool/config_create_tool",
+        _fill_doosan,
+        _said_doosan,
+        before=(_doosan("ConfigDeleteTool", "config_delete_tool"),),
+        after=(_doosan("SetCurrentTool", "set_current_tool"),),
     ),
 }
 """Drivers by the name of their arm, with units as their definitions and manuals have them."""

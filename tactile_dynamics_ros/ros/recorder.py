@@ -19,6 +19,8 @@ from tactile_dynamics_ros.ros.names import CLOCK, DEPTH_IMAGE, DIAGNOSTICS, EMER
 from tactile_dynamics_ros.ros.shell import Shell
 
 IGNORED = ("/rosout", "/parameter_events")
+TRANSITIONS = "/transition_event"
+"""End of the topic on which a managed node says its changes of state; no measurement."""
 IMAGES = (f"/{DEPTH_IMAGE}",)
 """Ends of the names of topics that are recorded only if they are named: they are large."""
 GLOBAL = (CLOCK, DIAGNOSTICS, EMERGENCY_STOP, TF)
@@ -64,7 +66,7 @@ class Recorder(Shell):
     def _is_wanted(self, topic: str) -> bool:
         if self._topics:
             return topic in self._topics
-        if topic in IGNORED or topic.endswith(IMAGES):
+        if topic in IGNORED or topic.endswith((TRANSITIONS, *IMAGES)):
             return False
         return topic in GLOBAL or topic.startswith(f"{self._inside}/")
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import struct
 import sys
 import time
@@ -15,8 +14,8 @@ from operator import itemgetter
 from typing import Any
 
 import rclpy
-from rclpy.callback_groups import CallbackGroup
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
@@ -29,6 +28,7 @@ from tactile_dynamics_ros.ros.inputs import RIVAL_SPAN, Inputs, Need, Numbers
 from tactile_dynamics_ros.ros.listening import (
     REQUESTS,
     Listening,
+    Polled,
     SecondParticipant,
     Served,
     Taken,
@@ -36,8 +36,9 @@ from tactile_dynamics_ros.ros.listening import (
     overrides_of,
     take_messages,
 )
-from tactile_dynamics_ros.ros.parameters import AnsweringNode, refuse_unknown
-from tactile_dynamics_ros.ros.startup import introduce, start_ros
+from tactile_dynamics_ros.ros.managed import ManagedNode
+from tactile_dynamics_ros.ros.parameters import refuse_unknown
+from tactile_dynamics_ros.ros.startup import finish_bursts, introduce, start_ros
 from tactile_dynamics_ros.ros.wire import decoder_of
 from tactile_dynamics_ros.stopping import TIME_TO_END, Stopped, StopRequest
 
@@ -64,31 +65,17 @@ LATCHED = QoSProfile(
 """Estimates: reliable, and the last one is kept for those who come later."""
 
 
-class Polled(CallbackGroup):
-    """Callback group that no executor serves, because the node takes both itself."""
-
-    def can_execute(self, entity: Any) -> bool:
-        """Never."""
-        return False
-
-    def beginning_execution(self, entity: Any) -> bool:
-        """Never."""
-        return False
-
-    def ending_execution(self, entity: Any) -> None:
-        """Do nothing."""
-
-
 @dataclass
 class _Periodic:
-    """A callback that is due every `period` seconds of wall time."""
+    """A callback that is due every `period` seconds of wall time, `always` if inactive too."""
 
     period: float
     callback: Callable[[], None]
-    due: float = 0.0
+    due: float
+    always: bool
 
 
-class Shell(AnsweringNode):
+class Shell(ManagedNode):
     """A node that counts bad messages instead of failing on them.
 
     Messages are taken several at a time: at 1000 small messages per second an executor would spend
@@ -113,15 +100,7 @@ class Shell(AnsweringNode):
     by_arrival = False
 
     def __init__(self, name: str) -> None:
-        try:
-            super().__init__(name, automatically_declare_parameters_from_overrides=True)
-        except ValueError as error:  # of rclpy, which does not name the parameter
-            raise BadInputError(
-                f"node {name}: an empty list was given, of which ROS does not know the type at the "
-                "start; leave the parameter out, or write ['']"
-            ) from error
-        except RuntimeError as error:  # of rclpy, such as security that this ROS cannot enforce
-            raise TactileDynamicsError(f"node {name}: ROS refuses it: {error}") from error
+        super().__init__(name)
         self.work_done: Callable[[], None] = lambda: None
         self.listening: list[Listening] = []
         self.inputs = Inputs(self)
@@ -130,8 +109,9 @@ class Shell(AnsweringNode):
         self._served: list[Served] = []
         self._periodic: list[_Periodic] = []
         self.faults = Faults(self)
-        self.every(1.0, self.faults.publish)
-        self.every(LOOK, self._look)
+        self.every(1.0, self.faults.publish, always=True)
+        self.every(LOOK, self._look, always=True)
+        self.begin()
 
     def destroy_node(self) -> None:
         """Leave DDS; a node that has more to end does so before."""
@@ -143,8 +123,10 @@ class Shell(AnsweringNode):
     def work(self) -> None:
         """Take all waiting messages, answer requests and do what is due."""
         arrived: list[tuple[int, Subscription, Any]] = []
-        for one in self.listening:
+        for one in self.taken_topics():
             taken = self._take(one)
+            if not (self.active or one.always):
+                continue
             if self.skimming:
                 taken = taken[-one.skim :]
             arrived += [(found.received, one.subscription, found.message) for found in taken]
@@ -152,7 +134,8 @@ class Shell(AnsweringNode):
             arrived.sort(key=itemgetter(0))
         for _, subscription, message in arrived:
             subscription.callback(message)
-        self.process()
+        if self.active:
+            self.process()
         now = time.monotonic()
         for served in self._served:
             served.answer(now)
@@ -160,15 +143,27 @@ class Shell(AnsweringNode):
             if now >= entry.due:
                 late = now - entry.due > entry.period
                 entry.due = now + entry.period if late else entry.due + entry.period
-                entry.callback()
+                if self.active or entry.always:
+                    entry.callback()
+
+    def taken_topics(self) -> list[Listening]:
+        """Return the topics whose messages are taken: latched ones wait for an active node."""
+        return [one for one in self.listening if self.active or one.always or not one.waits]
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Begin to work; what was silent meanwhile is given time anew."""
+        self.inputs.wait_anew()
+        return super().on_activate(state)
 
     def _look(self) -> None:
         """Say at once what has begun or ceased to be wrong with the inputs."""
-        changed = self.inputs.look()
+        before, self.faults.idle = self.faults.idle, "" if self.active else self.lifecycle_state
+        changed = (self.active and self.inputs.look()) or self.faults.idle != before
         now = time.monotonic()
-        if deaf := [one for one in self.listening if one.source.is_deaf(now)]:
+        deaf = [one for one in self.taken_topics() if self.active and one.source.is_deaf(now)]
+        if deaf:
             self._subscribe_anew(deaf, now)
-        self.faults.troubles = self.inputs.troubles
+        self.faults.troubles = self.inputs.troubles if self.active else ()
         if changed:
             self.faults.publish()
 
@@ -249,6 +244,7 @@ class Shell(AnsweringNode):
         skim: int = 0,
         sole: bool = False,
         need: Need = Need.OPTIONAL,
+        always: bool = False,
     ) -> None:
         """Subscribe; a message that is refused or cannot be used yet is counted and dropped.
 
@@ -261,6 +257,7 @@ class Shell(AnsweringNode):
             skim: while `skimming`, hand over only so many of those taken together; 0: all.
             sole: leave out what comes while two publish on the topic at once.
             need: when its silence is a trouble.
+            always: hand over its messages while the node is not active, too.
         """
         decode = None if raw else decoder_of(kind)
 
@@ -298,7 +295,9 @@ class Shell(AnsweringNode):
 
         source = self.inputs.add(subscription, topic, need)
         numbers = Numbers() if sole else None
-        self.listening.append(Listening(subscribe, subscription, source, skim, numbers))
+        waits = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        one = Listening(subscribe, subscription, source, skim, numbers, always, waits)
+        self.listening.append(one)
 
     def stream(self, kind: type[Any], topic: str) -> Publisher:
         """Return a publisher of sensor data."""
@@ -308,9 +307,9 @@ class Shell(AnsweringNode):
         """Return a publisher whose last message is kept for late subscribers."""
         return self.create_publisher(kind, topic, LATCHED)
 
-    def every(self, period: float, callback: Callable[[], None]) -> None:
-        """Call back each `period` seconds of wall time."""
-        self._periodic.append(_Periodic(period, callback, time.monotonic() + period))
+    def every(self, period: float, callback: Callable[[], None], always: bool = False) -> None:
+        """Call back each `period` seconds of wall time while the node is active, or `always`."""
+        self._periodic.append(_Periodic(period, callback, time.monotonic() + period, always))
 
     def serve(self, name: str, action: Callable[[], str]) -> None:
         """Offer a std_srvs/Trigger whose answer is the text that `action` returns."""
@@ -337,7 +336,9 @@ def spin(node: Shell, stop: Callable[[], bool]) -> None:
     """
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    waiter = Waiter(node, lambda: [each for one in node.listening for each in one.subscriptions])
+    waiter = Waiter(
+        node, lambda: [each for one in node.taken_topics() for each in one.subscriptions]
+    )
     service = time.monotonic()
     while not stop():
         requested = waiter.wait(min(node.idle_time(), service - time.monotonic()))
@@ -348,18 +349,6 @@ def spin(node: Shell, stop: Callable[[], bool]) -> None:
                 executor.spin_once(timeout_sec=0.0)
             service = time.monotonic() + SERVICE_PERIOD
     executor.remove_node(node)
-
-
-def finish_bursts() -> None:
-    """Let this process finish what it publishes together before those that it wakes run.
-
-    Each message of a burst would else be interrupted by its receivers, one after the other: Linux's
-    batch policy wakes without preempting. Called before DDS makes its threads, which inherit it; a
-    policy that somebody has chosen stays.
-    """
-    if hasattr(os, "SCHED_BATCH") and os.sched_getscheduler(0) == os.SCHED_OTHER:
-        with suppress(OSError):  # a sandbox may forbid it
-            os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
 
 
 def run_node(factory: Callable[[], Shell], arguments: list[str] | None = None) -> int:

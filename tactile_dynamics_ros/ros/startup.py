@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import itertools
+import os
 import sys
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import rclpy
@@ -15,6 +17,18 @@ from rclpy.utilities import remove_ros_args
 
 from tactile_dynamics_ros.core.errors import BadInputError, nearest_file
 from tactile_dynamics_ros.ros.names import DIAGNOSTICS, enclave_of
+
+
+def finish_bursts() -> None:
+    """Let this process finish what it publishes together before those that it wakes run.
+
+    Each message of a burst would else be interrupted by its receivers, one after the other: Linux's
+    batch policy wakes without preempting. Called before DDS makes its threads, which inherit it; a
+    policy that somebody has chosen stays.
+    """
+    if hasattr(os, "SCHED_BATCH") and os.sched_getscheduler(0) == os.SCHED_OTHER:
+        with suppress(OSError):  # a sandbox may forbid it
+            os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
 
 
 def start_tool() -> None:
@@ -52,6 +66,8 @@ _OF_EVERY_NODE = {
     *("/parameter_events", "/rosout", DIAGNOSTICS),
     *("describe_parameters", "get_parameters", "get_parameter_types", "list_parameters"),
     *("set_parameters", "set_parameters_atomically", "get_type_description"),
+    *("change_state", "get_state", "get_available_states"),
+    *("get_available_transitions", "get_transition_graph"),
 }
 """Topics, and last parts of services, that every node has: a line that told them would tell
 nothing of this one. Names are those of ROS."""

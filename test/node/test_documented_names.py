@@ -79,7 +79,7 @@ def interfaces():
             ]
         for where, side, resolved, kind in used:
             of_ros = resolved.startswith((*OF_ROS, f"{HAND}/{node_name}/get_type_description"))
-            if not of_ros and "rcl_interfaces" not in type_name(kind):
+            if not of_ros and not type_name(kind).startswith(("rcl_interfaces", "lifecycle_msgs")):
                 where[name_of(resolved), type_name(kind)][side].add(node_name)
         own = node.get_name(), node.get_namespace()
         for name, (kind,) in get_action_server_names_and_types_by_node(node, *own):

@@ -120,7 +120,7 @@ def test_emergency_stop_ends_the_motion_until_a_new_call(robot, profile):
     count, arm = len(robot.commands), robot.positions[:7]
     robot.run(2.0)
     assert len(robot.commands) == count
-    assert robot.phases[-1].data == "stopped: emergency stop"
+    assert robot.phases[-1].data == "stopped: the emergency stop is on"
     assert "emergency stop is on" in robot.ask().message
     robot.say_stop(False, profile)
     robot.run(2.0)

@@ -35,6 +35,13 @@ DEFINITIONS = {
     ),
 }
 """Services of the drivers, as their packages define them."""
+TOOLS = {
+    "srv/ConfigCreateTool.srv": "string name\nfloat64 weight\nfloat64[3] cog\n"
+    "float64[6] inertia\n---\nbool success\n",
+    "srv/ConfigDeleteTool.srv": "string name\n---\nbool success\n",
+    "srv/SetCurrentTool.srv": "string name\n---\nbool success\n",
+}
+"""Services of a Doosan's driver, dsr_msgs2."""
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -45,6 +52,7 @@ def drivers(tmp_path_factory):
     for package, (path, text) in DEFINITIONS.items():
         uses = ["geometry_msgs", "service_msgs", "builtin_interfaces"]
         build(package, {path: text}, uses, out)
+    build("dsr_msgs2", TOOLS, ["service_msgs", "builtin_interfaces"], out)
     sys.path.insert(0, str(out))
     yield
     sys.path.remove(str(out))
@@ -56,16 +64,19 @@ class Arm(Shell):
     def __init__(self, driver, answer):
         super().__init__("arm")
         self.given = []
-        package, _, name = driver.kind.split("/")
-        kind = getattr(importlib.import_module(f"{package}.srv"), name)
 
         def serve(request, response):
             self.given.append(request)
-            for key, value in answer.items():
-                setattr(response, key, value)
+            fields = answer.get(type(request).__name__, answer)
+            for key in fields.keys() & response.get_fields_and_field_types():
+                setattr(response, key, fields[key])
             return response
 
-        self.create_service(kind, driver.service, serve)
+        folder = driver.service.rpartition("/")[0]
+        for one in (driver, *driver.before, *driver.after):
+            package, _, name = one.kind.split("/")
+            kind = getattr(importlib.import_module(f"{package}.srv"), name)
+            self.create_service(kind, f"{folder}/{one.service.rpartition('/')[2]}", serve)
 
 
 def file_of(tmp_path, std=1e-4, undetermined=()):
@@ -94,7 +105,8 @@ def apply(bench, node):
     client = node.create_client(Trigger, "/payload/apply")
     assert client.wait_for_service(5.0)
     if len(bench.nodes) > 1:
-        bench.until(node._arm.service_is_ready)
+        calls = (*node._before, node._arm, *node._after)
+        bench.until(lambda: all(call.client.service_is_ready() for call in calls))
     future = client.call_async(Trigger.Request())
 
     def answered():
@@ -149,6 +161,34 @@ def test_xarm_gets_millimetres_and_its_refusal_is_said(bench, tmp_path):
     (given,) = bench.nodes[1].given
     np.testing.assert_allclose(given.center_of_gravity, 1e3 * BODY.com, rtol=1e-5)
     assert not said.success and said.message == "refused by the driver: not ready"
+
+
+KEPT = "tactile_dynamics_payload"
+
+
+def test_a_doosan_gets_a_tool_in_millimetres_and_uses_it(bench, tmp_path):
+    """One of that name may not exist yet: whether it could be deleted does not count."""
+    answer = {"ConfigDeleteTool_Request": {"success": False}, "success": True}
+    node = start(bench, file_of(tmp_path), controller="doosan", answer=answer)
+    said = apply(bench, node)
+    assert said.success, said.message
+    deleted, created, used = bench.nodes[1].given
+    assert [type(one).__name__ for one in (deleted, created, used)] == [
+        f"{name}_Request" for name in ("ConfigDeleteTool", "ConfigCreateTool", "SetCurrentTool")
+    ]
+    assert {deleted.name, created.name, used.name} == {KEPT}
+    assert created.weight == pytest.approx(BODY.mass)
+    np.testing.assert_allclose(created.cog, 1e3 * BODY.com)
+    assert not np.any(created.inertia)
+
+
+@pytest.mark.parametrize(("refused", "asked"), [("ConfigCreateTool", 2), ("SetCurrentTool", 3)])
+def test_a_doosan_that_refuses_a_step_is_asked_no_further(bench, tmp_path, refused, asked):
+    answer = {f"{refused}_Request": {"success": False}, "success": True}
+    node = start(bench, file_of(tmp_path), controller="doosan", answer=answer)
+    said = apply(bench, node)
+    assert not said.success and "manual mode" in said.message
+    assert len(bench.nodes[1].given) == asked
 
 
 @pytest.mark.parametrize(

@@ -19,6 +19,7 @@ class Worker:
 
     def __init__(self, listener, kind, name):
         self.listener, self.goals, self.stops = listener, [], 0
+        listener.node.require_active = lambda: None  # it is no managed node
         self.action = Action(listener.node, kind, name, self.goals.append, self.stop)
 
     def stop(self):

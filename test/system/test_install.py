@@ -8,6 +8,7 @@ import importlib
 import json
 import os
 import re
+import shlex
 import shutil
 import signal
 import struct
@@ -42,7 +43,11 @@ TRAINING = {f"{PACKAGE}.core.tactile.network.training"} | {
 STAND_INS = {
     # what only apt has (launch and ros2cli are not on PyPI), or what would reach for the network
     "rosdep": "exit 0",
-    "pip": 'exec {here} -m pip --python {python} "$@" --no-index',
+    "pip": 'exec {here} -m pip --python "$VIRTUAL_ENV/bin/python" "$@" --no-index',
+    # a virtual environment that sees the libraries of the system: those of {root}
+    "python3": """[[ "$1 $2 $3" == "-m venv --system-site-packages" ]] || exec {python} "$@"
+        {here} -m venv --without-pip "$4" && cp --recursive --symbolic-link --no-clobber \\
+            {root}/lib/. "$4/lib/" """,
     # ament_cmake's wheels name folders of the machine that built them, so interfaces are left out
     "colcon": 'PYTHONPATH={libraries} exec {python} {colcon} "$@" --packages-skip {interfaces}',
     "ros2": """case "$1 $2" in
@@ -116,22 +121,27 @@ def robot_block():
     return install, run.splitlines()
 
 
+def with_stand_ins(environment, home):
+    """Return the variables of a shell with stand-ins for what a robot has from apt."""
+    facts = {"package": PACKAGE, "here": sys.executable, "python": environment.python}
+    facts |= {"colcon": COLCON, "libraries": COLCON.parents[1] / "lib" / environment_library()}
+    facts |= {"root": environment.root, "interfaces": interface_build.PACKAGE}
+    tools = home / "tools"
+    tools.mkdir()
+    for name, body in STAND_INS.items():
+        (tools / name).write_text("#!/bin/bash\n" + body.format(**facts) + "\n")
+        (tools / name).chmod(0o755)
+    path = f"{tools}:{environment.variables['PATH']}"
+    return environment.variables | {"HOME": str(home), "PATH": path}
+
+
 @pytest.fixture(scope="module")
 def robot(source, tmp_path_factory):
     """[ros] with the workspace that README's block makes, sourced."""
     home = tmp_path_factory.mktemp("home")
     environment = make_environment(home / "venv", requirements("ros"))
-    tools = home / "tools"
-    tools.mkdir()
     (home / "ws" / "src").mkdir(parents=True)
-    facts = {"package": PACKAGE, "here": sys.executable, "python": environment.python}
-    facts["interfaces"] = interface_build.PACKAGE
-    facts |= {"colcon": COLCON, "libraries": COLCON.parents[1] / "lib" / environment_library()}
-    for name, body in STAND_INS.items():
-        (tools / name).write_text("#!/bin/bash\n" + body.format(**facts) + "\n")
-        (tools / name).chmod(0o755)
-    variables = environment.variables | {"HOME": str(home)}
-    variables["PATH"] = f"{tools}:{variables['PATH']}"
+    variables = with_stand_ins(environment, home)
     typed = robot_block()[0].replace("<this repository>", str(source))
     done = subprocess.run(
         ["bash", "-ec", f"{typed}\nenv -0 >{home}/environment"],
@@ -142,7 +152,7 @@ def robot(source, tmp_path_factory):
     )
     assert done.returncode == 0, done.stdout + done.stderr
     pairs = (home / "environment").read_text().strip("\0").split("\0")
-    sourced = Environment(environment.root, dict(pair.split("=", 1) for pair in pairs))
+    sourced = Environment(home / "ws" / ".venv", dict(pair.split("=", 1) for pair in pairs))
     prefix = home / "ws" / "install" / PACKAGE
     assert sourced.variables["AMENT_PREFIX_PATH"].split(":")[0] == str(prefix)
     sourced.path = sourced.variables["PATH"]
@@ -388,6 +398,47 @@ def test_all_that_ros2_looks_for_is_where_it_looks(robot):
     configuration = [p.relative_to(ROOT) for p in shipped if p.is_file()]
     for name in ("package.xml", "launch/bringup.launch.py", *configuration):
         assert (share / name).is_file(), name
+
+
+def test_executables_run_with_the_python_of_the_virtual_environment(robot):
+    """Colcon itself runs with another, as apt's does."""
+    own = robot.root / "bin" / "python3"
+    for name in node_names():
+        first = (robot.prefix / "lib" / PACKAGE / name).read_text().splitlines()[0]
+        assert first == "#!/usr/bin/env python3"
+    assert shutil.which("python3", path=robot.path) == str(own)
+    done = robot.run("python3", "-c", "import sys; print(sys.prefix)")
+    assert done.stdout.strip() == str(robot.root)
+
+
+def test_the_steps_of_the_dockerfile_make_a_workspace_whose_command_runs(source, tmp_path):
+    """Typed as a script, since a builder of images is not everywhere."""
+    text = (ROOT / "Dockerfile").read_text().replace("\\\n", " ")
+    steps = [line.partition(" ") for line in text.splitlines() if line and line[0] != "#"]
+    environment = make_environment(tmp_path / "venv", requirements("ros"))
+    variables = with_stand_ins(environment, tmp_path)
+    for tool in ("useradd", "apt-get", "chown"):
+        (tmp_path / "tools" / tool).write_text("#!/bin/bash\n")
+        (tmp_path / "tools" / tool).chmod(0o755)
+    (tmp_path / "ros.bash").touch()
+    ways = {"COPY": "mkdir -p $(dirname {1}/x) && cp -r {0} {1}", "WORKDIR": "mkdir -p {0}; cd {0}"}
+    script = ["set -e -o pipefail"]
+    for word, _, rest in steps:
+        if word == "RUN":
+            script.append(rest.replace("rm -rf /var/lib/apt/lists/*", "true"))
+        elif word in ways:
+            names = [n for n in rest.split() if not n.startswith("--")]
+            names[0] = f"{source}/{names[0]}" if word == "COPY" else names[0]
+            script.append(ways[word].format(*names))
+    (entry,) = (json.loads(rest) for word, _, rest in steps if word == "ENTRYPOINT")
+    (command,) = (json.loads(rest) for word, _, rest in steps if word == "CMD")
+    script.append(" ".join(map(shlex.quote, [*entry, *command])))
+    typed = "\n".join(script).replace("/opt/ros/jazzy/setup.bash", str(tmp_path / "ros.bash"))
+    typed = typed.replace("/home/robot", str(tmp_path))
+    words = ["bash", "-c", typed]
+    done = subprocess.run(words, env=variables, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "usage: tactile-dynamics" in done.stdout
 
 
 def test_data_files_inside_the_package_are_installed(robot, source):

@@ -214,7 +214,7 @@ ROOMS = {
     ),
     "export": Room(
         "estimates in the formats of simulators and robots",
-        (_INERTIA + "batch", "core/rigid_body"),
+        (_INERTIA + "batch", "core/rigid_body", "core/shape"),
     ),
     "api": Room(
         "the verbs of the command as functions, with results for notebooks",

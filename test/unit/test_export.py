@@ -9,7 +9,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 import yaml
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scipy.spatial.transform import Rotation
 from synthetic_recording import held_box
 
@@ -18,6 +21,7 @@ from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate, ModelError
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
+from tactile_dynamics_ros.core.shape.object_shape import load_shape
 from tactile_dynamics_ros.export import FORMATS, export
 
 
@@ -163,6 +167,104 @@ def test_what_a_recording_does_not_tell_is_not_written(estimate, form):
             export(flat, form)
     with pytest.raises(NotIdentifiableError, match="does not tell com_z"):
         export(replace(estimate, not_excited=("com_z",)), form)
+
+
+MOVEIT = {
+    "AttachedCollisionObject": "string link_name\nCollisionObject object\nstring[] touch_links\n"
+    "sensor_msgs/JointState attach_posture\nfloat64 weight\n",
+    "CollisionObject": "std_msgs/Header header\ngeometry_msgs/Pose pose\nstring id\n"
+    "object_recognition_msgs/ObjectType type\nshape_msgs/SolidPrimitive[] primitives\n"
+    "geometry_msgs/Pose[] primitive_poses\nshape_msgs/Mesh[] meshes\n"
+    "geometry_msgs/Pose[] mesh_poses\nshape_msgs/Plane[] planes\n"
+    "geometry_msgs/Pose[] plane_poses\nstring[] subframe_names\n"
+    "geometry_msgs/Pose[] subframe_poses\nbyte operation\n",
+}
+"""Messages of MoveIt, as their package defines them."""
+
+
+@pytest.fixture(scope="module")
+def fields():
+    """Fields of messages by their type: basic types, or types and whether they are lists."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    store.register(
+        get_types_from_msg("string key\nstring db\n", "object_recognition_msgs/msg/ObjectType")
+    )
+    for name in reversed(MOVEIT):
+        store.register(get_types_from_msg(MOVEIT[name], f"moveit_msgs/msg/{name}"))
+    return {kind: dict(entry[1]) for kind, entry in store.fielddefs.items()}
+
+
+def require_fits(value, kind, fields):
+    """Check that a value read from yaml can be given to a message, as `ros2 topic pub` does."""
+    assert value.keys() <= fields[kind].keys(), kind
+    for key, part in value.items():
+        node, what = fields[kind][key]
+        if node in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+            (node, what), parts = what[0], part
+            assert isinstance(parts, list), key
+        else:
+            parts = [part]
+        for one in parts:
+            if node == Nodetype.NAME:
+                require_fits(one, what, fields)
+            else:
+                wanted = {"string": str, "float64": float}.get(what[0], int)
+                assert isinstance(one, wanted), (key, one)
+
+
+def attached(text, fields):
+    """Read an attached object back; return it, its shapes and their poses (4, 4)."""
+    found = yaml.safe_load(text)
+    require_fits(found, "moveit_msgs/msg/AttachedCollisionObject", fields)
+    poses = []
+    for pose in found["object"].get("primitive_poses", ()):
+        made = np.eye(4)
+        turn = [pose["orientation"][axis] for axis in "xyzw"]
+        made[:3, :3] = Rotation.from_quat(turn).as_matrix()
+        made[:3, 3] = [pose["position"][axis] for axis in "xyz"]
+        poses.append(made)
+    return found, found["object"].get("primitives", []), poses
+
+
+def test_moveit_gets_the_box_that_has_the_mass_and_the_inertia(estimate, fields):
+    text = export(estimate, "moveit", name="box").text
+    found, (box,), (pose,) = attached(text, fields)
+    assert (found["object"]["id"], box["type"]) == ("box", 1)
+    assert "the box with the same mass and inertia" in text
+    squares = np.square(box["dimensions"])
+    moments = found["weight"] / 12.0 * (squares.sum() - squares)
+    turn = pose[:3, :3]
+    inertia = turn @ np.diag(moments) @ turn.T
+    check(estimate.inertia, found["weight"], pose[:3, 3], inertia, 1e-6)
+
+
+def test_moveit_gets_the_shape_that_is_given(estimate, fields, tmp_path):
+    file = tmp_path / "pan.yaml"
+    file.write_text(
+        "shapes:\n"
+        "  - {box: [0.2, 0.03, 0.02], centre: [0.1, 0.0, 0.01]}\n"
+        "  - {cylinder: {radius: 0.06, height: 0.05}}\n"
+        "  - {sphere: {radius: 0.01}, centre: [0.2, 0.0, 0.0]}\n"
+    )
+    flat = replace(estimate, not_excited=("inertia_xx",))  # a shape needs none
+    _, shapes, poses = attached(export(flat, "moveit", shape=load_shape(file)).text, fields)
+    assert [s["type"] for s in shapes] == [1, 3, 2]
+    assert shapes[1]["dimensions"] == [0.05, 0.06]  # height, then radius
+    np.testing.assert_allclose(poses[0][:3, 3], [0.1, 0.0, 0.01])
+    np.testing.assert_allclose(poses[2][:3, 3], [0.2, 0.0, 0.0])
+
+
+def test_moveit_gets_a_mesh_corner_by_corner(estimate, fields, tmp_path):
+    box = trimesh.creation.box((0.1, 0.2, 0.3))
+    box.export(tmp_path / "box.stl")
+    shape = load_shape(tmp_path / "box.stl")
+    found, _, _ = attached(export(estimate, "moveit", shape=shape).text, fields)
+    (mesh,) = found["object"]["meshes"]
+    corners = np.array([[corner[axis] for axis in "xyz"] for corner in mesh["vertices"]])
+    faces = [triangle["vertex_indices"] for triangle in mesh["triangles"]]
+    assert trimesh.Trimesh(corners, faces).volume == pytest.approx(box.volume, rel=1e-6)
+    with pytest.raises(BadInputError, match="takes no shape"):
+        export(estimate, "urdf", shape=shape)
 
 
 def test_an_unknown_format_is_refused(estimate):

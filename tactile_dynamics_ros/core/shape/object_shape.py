@@ -212,6 +212,7 @@ class ObjectShape:
             that look the same.
 
     Attributes:
+        surfaces: as given.
         centre: (3,) centre of the bounding sphere, m. radius: its radius, m.
         half: (3,) half extents, m.
         points, normals: (N, 3) samples of the surface in random order.
@@ -221,9 +222,9 @@ class ObjectShape:
     """
 
     def __init__(self, surfaces: Sequence[Surface], expected: Array | None = None) -> None:
-        self._surfaces = tuple(surfaces)
+        self.surfaces = tuple(surfaces)
         self.expected = np.eye(3) if expected is None else np.asarray(expected, dtype=float)
-        meshes = [surface.mesh() for surface in self._surfaces]
+        meshes = [surface.mesh() for surface in self.surfaces]
         corners = np.vstack([np.asarray(mesh.vertices) for mesh in meshes])
         self.centre = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
         self.half = 0.5 * np.ptp(corners, axis=0)
@@ -235,8 +236,8 @@ class ObjectShape:
 
     def distance(self, points: Array) -> tuple[Array, Array]:
         """Return signed distances (N,) of points (N, 3), m, and their gradients (N, 3)."""
-        distance, gradient = self._surfaces[0].distance(points)
-        for surface in self._surfaces[1:]:
+        distance, gradient = self.surfaces[0].distance(points)
+        for surface in self.surfaces[1:]:
             other, slope = surface.distance(points)
             nearer = other < distance
             distance = np.where(nearer, other, distance)
@@ -260,13 +261,13 @@ class ObjectShape:
     def _sample(self, meshes: Sequence[Triangles]) -> tuple[Array, Array]:
         area = np.array([mesh.area for mesh in meshes])
         points, normals = [], []
-        for k, (mesh, surface) in enumerate(zip(meshes, self._surfaces, strict=True)):
+        for k, (mesh, surface) in enumerate(zip(meshes, self.surfaces, strict=True)):
             count = max(50, round(_SAMPLES * area[k] / area.sum()))
             sample = np.asarray(trimesh.sample.sample_surface(mesh, count, seed=k)[0])
             distance, gradient = surface.distance(sample)
             sample = sample - distance[:, None] * gradient
             keep = np.ones(len(sample), dtype=bool)
-            for other in self._surfaces[:k] + self._surfaces[k + 1 :]:
+            for other in self.surfaces[:k] + self.surfaces[k + 1 :]:
                 keep &= other.distance(sample)[0] > -1e-4
             points.append(sample[keep])
             normals.append(gradient[keep])

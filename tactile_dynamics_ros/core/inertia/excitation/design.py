@@ -170,7 +170,7 @@ def design_motion(
     Raises:
         NotIdentifiableError: the grip would slip even at rest.
 
-    Source: Schwefel 1995 (log-normal step sizes); Swevers et al. 1997 on Fourier excitation.
+    Source: Swevers et al. 1997 on Fourier excitation.
     """
     config, limits = config or DesignConfig(), limits or MotionLimits()
     resting = usage_at_rest(start, grip, phi)
@@ -190,20 +190,45 @@ def design_motion(
         fitted = fit_to_limits(motion, start, grip, phi, limits, arm, time)
         return criterion(grip.load(start.follow(fitted, time), phi)), fitted
 
-    best = rng.normal(size=2 * CHANNELS * config.sines) * 3.0
+    value, motion, reference = search_motion(
+        judge, 2 * CHANNELS * config.sines, config.evaluations, rng
+    )
+    usage = grip.usage(grip.load(start.follow(motion, time), phi))
+    return DesignedMotion(motion, value, reference, usage)
+
+
+def search_motion(
+    judge: Callable[[Array], tuple[float, FourierOffsets]],
+    size: int,
+    evaluations: int,
+    rng: np.random.Generator,
+) -> tuple[float, FourierOffsets, float]:
+    """Minimise over the amplitudes of a motion by a self-adapting evolution strategy.
+
+    Args:
+        judge: gives value and allowed motion for amplitudes (size,) of about unit size.
+        size: number of amplitudes.
+        evaluations: candidates tried.
+        rng: of the draws.
+
+    Returns:
+        Value and motion of the best, and the value of the first, a random one.
+
+    Source: Schwefel 1995 (log-normal step sizes).
+    """
+    best = rng.normal(size=size) * 3.0
     value, motion = judge(best)
     reference, step = value, 1.0
-    for _ in range(config.evaluations - 1):
+    for _ in range(evaluations - 1):
         trial_step = step * np.exp(0.3 * rng.normal())
-        mask = rng.random(len(best)) < 0.3
-        trial = best + trial_step * mask * rng.normal(size=len(best))
+        mask = rng.random(size) < 0.3
+        trial = best + trial_step * mask * rng.normal(size=size)
         found, candidate = judge(trial)
         if found < value:
             best, value, motion, step = trial, found, candidate, trial_step * 1.2
         else:
             step = max(step * 0.985, 0.02)
-    usage = grip.usage(grip.load(start.follow(motion, time), phi))
-    return DesignedMotion(motion, value, reference, usage)
+    return value, motion, reference
 
 
 def _family(config: DesignConfig) -> FourierOffsets:

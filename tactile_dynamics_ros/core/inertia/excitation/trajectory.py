@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,15 +32,16 @@ _STEP = 2e-3
 
 @dataclass(frozen=True)
 class FourierOffsets:
-    """Offsets x_c(t) = w(t) sum_k a_ck sin(2 pi f_k t) + b_ck cos(2 pi f_k t), (6,) per instant.
+    """Offsets x_c(t) = w(t) sum_k a_ck sin(2 pi f_k t) + b_ck cos(2 pi f_k t), (C,) per instant.
 
-    [rotation vector (rad), translation (m)], world axes. The window w fades in and out over
-    `ramp`, with zero velocity and acceleration at both ends.
+    Of a held object C = 6: [rotation vector (rad), translation (m)], world axes; of an arm they
+    are its joints. The window w fades in and out over `ramp`, with zero velocity and acceleration
+    at both ends.
 
     Attributes:
         duration: s.
         frequency_hz: (K,).
-        sine: (6, K); cosine: (6, K).
+        sine: (C, K); cosine: (C, K).
         ramp: s.
     """
 
@@ -51,23 +53,23 @@ class FourierOffsets:
 
     @property
     def coefficients(self) -> Array:
-        """All amplitudes, (12 K,)."""
+        """All amplitudes, (2 C K,)."""
         return np.concatenate([self.sine.ravel(), self.cosine.ravel()])
 
     def with_coefficients(self, values: Array) -> FourierOffsets:
-        """Return the motion with other amplitudes, (12 K,)."""
-        sine, cosine = np.reshape(values, (2, CHANNELS, -1))
+        """Return the motion with other amplitudes, (2 C K,)."""
+        sine, cosine = np.reshape(values, (2, len(self.sine), -1))
         return FourierOffsets(self.duration, self.frequency_hz, sine, cosine, self.ramp)
 
     def scaled(self, factors: Array | float) -> FourierOffsets:
-        """Return the motion with the amplitudes of each channel multiplied, (6,) or a number."""
-        column = np.broadcast_to(np.asarray(factors, dtype=float), (CHANNELS,))[:, None]
+        """Return the motion with the amplitudes of each channel multiplied, (C,) or a number."""
+        column = np.broadcast_to(np.asarray(factors, dtype=float), (len(self.sine),))[:, None]
         return self.with_coefficients(
             np.concatenate([(column * self.sine).ravel(), (column * self.cosine).ravel()])
         )
 
     def evaluate(self, time: Array) -> Array:
-        """Offsets (N, 6) at times (N,) s; zero outside [0, duration]."""
+        """Offsets (N, C) at times (N,) s; zero outside [0, duration]."""
         angle = 2.0 * np.pi * np.asarray(time)[:, None] * self.frequency_hz
         value = np.sin(angle) @ self.sine.T + np.cos(angle) @ self.cosine.T
         ramp = min(self.ramp, 0.5 * self.duration)
@@ -76,7 +78,7 @@ class FourierOffsets:
         return np.asarray(window[:, None] * value)
 
     def __call__(self, time: float) -> Array:
-        """Return the offset (6,) at one instant, as controllers take it."""
+        """Return the offset (C,) at one instant, as controllers take it."""
         return np.asarray(self.evaluate(np.array([time]))[0])
 
 
@@ -129,17 +131,28 @@ class HeldPose:
 
     def follow(self, motion: FourierOffsets, time: Array) -> ObjectMotion:
         """Kinematics along a motion, by five-point differences of the exact pose."""
-        stencil = np.asarray(time)[:, None] + _STEP * _STENCIL
-        offsets = motion.evaluate(stencil.ravel()).reshape(len(time), len(_STENCIL), CHANNELS)
-        rotation, position = self.move(offsets)
-        centre = rotation[:, 2]
-        local = log_so3(np.swapaxes(centre, 1, 2)[:, None] @ rotation)
-        return ObjectMotion(
-            time=np.asarray(time),
-            rotation=centre,
-            position=position[:, 2],
-            velocity=np.einsum("k,nki->ni", _FIRST, position) / _STEP,
-            acceleration=np.einsum("k,nki->ni", _SECOND, position) / _STEP**2,
-            angular_velocity=np.einsum("k,nki->ni", _FIRST, local) / _STEP,
-            angular_acceleration=np.einsum("k,nki->ni", _SECOND, local) / _STEP**2,
-        )
+        return follow(lambda times: self.move(motion.evaluate(times)), time)
+
+
+def follow(poses: Callable[[Array], tuple[Array, Array]], time: Array) -> ObjectMotion:
+    """Return the kinematics of a body, by five-point differences of its exact poses.
+
+    Args:
+        poses: gives rotations (N, 3, 3) and positions (N, 3) at times (N,).
+        time: (N,) s.
+    """
+    stencil = np.asarray(time)[:, None] + _STEP * _STENCIL
+    turned, moved = poses(stencil.ravel())
+    rotation = turned.reshape(len(time), len(_STENCIL), 3, 3)
+    position = moved.reshape(len(time), len(_STENCIL), 3)
+    centre = rotation[:, 2]
+    local = log_so3(np.swapaxes(centre, 1, 2)[:, None] @ rotation)
+    return ObjectMotion(
+        time=np.asarray(time),
+        rotation=centre,
+        position=position[:, 2],
+        velocity=np.einsum("k,nki->ni", _FIRST, position) / _STEP,
+        acceleration=np.einsum("k,nki->ni", _SECOND, position) / _STEP**2,
+        angular_velocity=np.einsum("k,nki->ni", _FIRST, local) / _STEP,
+        angular_acceleration=np.einsum("k,nki->ni", _SECOND, local) / _STEP**2,
+    )

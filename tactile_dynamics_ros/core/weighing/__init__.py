@@ -1,0 +1,1 @@
+"""An arm that turns what it carries about, to weigh it."""
