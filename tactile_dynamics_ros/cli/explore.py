@@ -7,6 +7,7 @@ from argparse import Namespace, _SubParsersAction
 from typing import Any
 
 from tactile_dynamics_ros.cli.bringup import read_namespace
+from tactile_dynamics_ros.cli.goals import try_goal
 from tactile_dynamics_ros.cli.topics import call_trigger, short_lived_node
 from tactile_dynamics_ros.core.errors import NotIdentifiableError, TactileDynamicsError
 from tactile_dynamics_ros.core.options import POSITIVE
@@ -31,12 +32,16 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
 
 
 def run(args: Namespace) -> int:
-    """Call the explorer; 0 if it ended by itself, 1 if it was stopped, 3 if little is known."""
+    """Ask the explorer; 0 if it ended by itself, 1 if it was stopped, 3 if little is known."""
     from tactile_dynamics_ros.ros.names import EXPLORE
 
     with short_lived_node() as node:
-        namespace = read_namespace(args.namespace)
-        success, message = call_trigger(node, f"{namespace}/{EXPLORE}", args.timeout)
+        name = f"{read_namespace(args.namespace)}/{EXPLORE}"
+        found = try_goal(node, "Explore", name, args.timeout, not args.json)
+        if found is None:
+            success, message = call_trigger(node, name, args.timeout)
+        else:
+            success, message = found.success, found.json or found.message
     try:
         told: dict[str, Any] = json.loads(message)
     except ValueError:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 from argparse import Namespace
 from typing import Any
 
 import numpy as np
 
 from tactile_dynamics_ros.cli.bringup import read_namespace
+from tactile_dynamics_ros.cli.goals import try_goal
 from tactile_dynamics_ros.cli.topics import short_lived_node, spin_until
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
 
@@ -54,12 +56,18 @@ def ask(node: Any, goal: Any, namespace: str = "", quiet: bool = True) -> dict[s
     from geometry_msgs.msg import PoseStamped
 
     from tactile_dynamics_ros.ros.diagnostics import status_values
-    from tactile_dynamics_ros.ros.names import GOAL_POSE, PUSH_PROGRESS
+    from tactile_dynamics_ros.ros.names import GOAL_POSE, PUSH, PUSH_PROGRESS
     from tactile_dynamics_ros.ros.shell import LATCHED
 
     def name(topic: str) -> str:
         return f"{namespace}/{topic}" if namespace else f"/{topic}"
 
+    pose = _pose(goal)
+    found = try_goal(node, "Push", name(PUSH), math.inf, not quiet, PATIENCE, pose=pose)
+    if found is not None and not found.json:
+        raise TactileDynamicsError(found.message)
+    if found is not None:
+        return dict(json.loads(found.json))
     heard: list[Any] = []
     node.create_subscription(DiagnosticStatus, name(PUSH_PROGRESS), heard.append, LATCHED)
     publisher = node.create_publisher(PoseStamped, name(GOAL_POSE), 10)
@@ -67,7 +75,7 @@ def ask(node: Any, goal: Any, namespace: str = "", quiet: bool = True) -> dict[s
         raise BadInputError("nobody takes goal_pose; start the node push_controller")
     spin_until(node, lambda: bool(heard), 0.5)  # what was said of an earlier goal
     heard.clear()
-    publisher.publish(_pose(goal))
+    publisher.publish(pose)
     while True:
         count = len(heard)
         if not spin_until(node, lambda count=count: len(heard) > count, PATIENCE):

@@ -150,7 +150,7 @@ def call_trigger(node: Node, service: str, timeout: float) -> tuple[bool, str]:
     if not spin_until(node, client.service_is_ready, min(timeout, 5.0)):
         raise BadInputError(f"service '{service}' is not offered; start the node that has it")
     future = client.call_async(Trigger.Request())
-    gone = _absence(client.service_is_ready)
+    gone = absence(client.service_is_ready)
     if not spin_until(node, lambda: future.done() or gone(), timeout):
         raise TactileDynamicsError(f"service '{service}': no answer within {timeout} s")
     if not future.done():
@@ -160,7 +160,7 @@ def call_trigger(node: Node, service: str, timeout: float) -> tuple[bool, str]:
     return bool(answer.success), str(answer.message)
 
 
-def _absence(present: Callable[[], bool]) -> Callable[[], bool]:
+def absence(present: Callable[[], bool]) -> Callable[[], bool]:
     """Return whether something has been absent for _GONE; asked again and again."""
     seen = time.monotonic()
 

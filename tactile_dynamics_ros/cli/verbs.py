@@ -55,6 +55,14 @@ VERBS: dict[str, Verb] = {
         "call a service without arguments (std_srvs/Trigger)",
         ("call /model_check/diagnose",),
     ),
+    "send-goal": Verb(
+        "goals",
+        "send a goal to an action, as `ros2 action send_goal`; Ctrl-C cancels it",
+        (
+            "send-goal /model_check/diagnose --feedback",
+            "send-goal /explorer/explore '{change: true}'",
+        ),
+    ),
     "set": Verb(
         "topics",
         "change a parameter of a running node",

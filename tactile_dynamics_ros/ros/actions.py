@@ -15,6 +15,8 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.task import Future
+from rclpy.type_support import check_for_type_support
+from rosidl_generator_py.import_type_support_impl import UnsupportedTypeSupport
 
 from tactile_dynamics_ros.core.errors import NotIdentifiableError, TactileDynamicsError
 from tactile_dynamics_ros.ros.managed import ManagedNode
@@ -33,9 +35,11 @@ def interface(kind: str) -> Any:
     """
     folder, _, name = kind.partition(".")
     try:
-        return getattr(importlib.import_module(f"{INTERFACES}.{folder}"), name)
-    except (ImportError, OSError):  # not there, or built for another Python
+        found = getattr(importlib.import_module(f"{INTERFACES}.{folder}"), name)
+        check_for_type_support(found)
+    except (ImportError, OSError, UnsupportedTypeSupport):  # not there, or built for other wheels
         return None
+    return found
 
 
 class Action:
@@ -130,12 +134,7 @@ class Action:
             self._server = None
 
     def _take(self, _: Any) -> GoalResponse:
-        """Accept a goal unless there is one, or the node is not active."""
-        try:
-            self._node.require_active()
-        except NotIdentifiableError as error:
-            self._node.get_logger().warning(f"{self._name}: {error}")
-            return GoalResponse.REJECT
+        """Accept a goal unless there is one."""
         if self._taken:
             self._node.get_logger().warning(f"{self._name}: works on a goal, rejects another")
             return GoalResponse.REJECT
@@ -156,6 +155,7 @@ class Action:
             if goal.is_cancel_requested:
                 self.end(False, CANCELED)
             else:
+                self._node.require_active()
                 self._begin(goal.request)
         except TactileDynamicsError as error:
             self.end(False, str(error))

@@ -131,13 +131,13 @@ class ManagedNode(LifecycleNodeMixin, AnsweringNode):
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """End all motion, then say and do nothing."""
-        return self._rest("the node was deactivated")
+        return self._end_motion("the node was deactivated")
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """End all motion, then say and do nothing; the process ends by Ctrl-C as always."""
-        return self._rest("the node was shut down")
+        return self._end_motion("the node was shut down")
 
-    def _rest(self, why: str) -> TransitionCallbackReturn:
+    def _end_motion(self, why: str) -> TransitionCallbackReturn:
         try:
             for stop in self.stops:
                 stop(why)

@@ -123,6 +123,20 @@ def test_a_goal_that_the_node_refuses_ends_with_the_reason(slow, client_of):
     assert (status, result.success, result.message) == (ABORTED, False, slow.refuses)
 
 
+def test_a_node_that_is_not_active_says_so_and_deactivating_it_ends_its_goal(bench, client_of):
+    hand = Hand(bench)
+    hand.rest(HOLDING)
+    client = client_of("Probe", f"/{names.PROBE}", lambda: hand.send(HOLDING))
+    goal = client.send()
+    client.until(lambda: hand.node.probe.running)
+    hand.node.trigger_deactivate()
+    status, result = client.result(goal)
+    assert (status, result.message) == (ABORTED, "the node was deactivated")
+    status, result = client.result(client.send())
+    assert status == ABORTED
+    assert result.message.startswith("friction_probe is inactive: ros2 lifecycle set")
+
+
 def test_a_goal_that_is_canceled_before_it_begins_moves_nothing(slow, client_of):
     client = client_of("Push", "/slow/work")
     begun, execute = [], slow.action._execute

@@ -1,5 +1,7 @@
 """What all nodes share: which of the messages that came together are read."""
 
+import ast
+import inspect
 import multiprocessing
 import os
 import re
@@ -42,6 +44,10 @@ def test_a_node_that_skims_reads_only_the_newest_where_that_is_allowed(bench, mo
 def test_no_node_hides_what_is_private_to_all_nodes(name):
     """A node that has a `_look` of its own would never look for what its inputs lack."""
     own = {key for key in vars(node_class(name)) if re.match("_[a-z]", key)}
+    for entry in ast.walk(ast.parse(inspect.getsource(node_class(name)))):
+        stored = isinstance(entry, ast.Attribute) and isinstance(entry.ctx, ast.Store)
+        if stored and ast.unparse(entry.value) == "self":
+            own |= {entry.attr} if entry.attr.startswith("_") else set()
     assert own & set(dir(shell.Shell)) == set()
 
 

@@ -13,7 +13,7 @@ from test_inertial_estimator import estimator, play, settled, status
 import tactile_dynamics_ros
 from tactile_dynamics_ros.recording.bag_files import read_messages
 from tactile_dynamics_ros.ros.actions import interface
-from tactile_dynamics_ros.ros.interface_build import PACKAGE, USES
+from tactile_dynamics_ros.ros.interface_build import PACKAGE, USES, main
 from tactile_dynamics_ros.ros.recorder import Recorder
 from tactile_dynamics_ros.ros.shell import LATCHED
 from tactile_dynamics_ros.ros.typed_messages import effect_messages, verdict_message
@@ -42,6 +42,14 @@ def test_the_package_that_colcon_builds_has_every_definition():
     listed = generated.partition("DEPENDENCIES")[2].split()
     assert set(listed) == used
     assert used <= set(re.findall(r"find_package\((\w+) REQUIRED\)", text))
+
+
+def test_without_a_compiler_the_build_ends_in_one_line(monkeypatch, capsys):
+    monkeypatch.setattr("shutil.which", lambda name: None if name == "g++" else f"/{name}")
+    assert main() == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "cannot be built here; missing: g++" in said and "without actions" in said
 
 
 @NEEDS
