@@ -5,9 +5,10 @@ SHELL ["/bin/bash", "-e", "-o", "pipefail", "-c"]
 RUN useradd --create-home --shell /bin/bash robot
 WORKDIR /home/robot/ws
 COPY package.xml src/tactile_dynamics_ros/
+COPY interfaces/package.xml src/tactile_dynamics_ros/interfaces/
 RUN apt-get update \
     && rosdep update --rosdistro jazzy \
-    && rosdep install --from-paths src --ignore-src -y \
+    && rosdep install --from-paths src src/tactile_dynamics_ros/interfaces --ignore-src -y \
     && rm -rf /var/lib/apt/lists/* \
     && chown -R robot .
 
@@ -17,7 +18,7 @@ RUN source .venv/bin/activate \
     && pip install apsw backports.zstd gtsam lz4 pypcd4 rich rosbags shtab small_gicp sympy trimesh urdf-parser-py
 COPY --chown=robot . src/tactile_dynamics_ros
 RUN source /opt/ros/jazzy/setup.bash && source .venv/bin/activate \
-    && colcon build --packages-select tactile_dynamics_ros
+    && colcon build --base-paths src src/tactile_dynamics_ros/interfaces
 
 ENTRYPOINT ["/bin/bash", "-c", "source /opt/ros/jazzy/setup.bash && source ~/ws/.venv/bin/activate && source ~/ws/install/setup.bash && exec \"$@\"", "--"]
 CMD ["tactile-dynamics", "--help"]

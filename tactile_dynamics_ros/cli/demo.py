@@ -35,6 +35,7 @@ from tactile_dynamics_ros.cli.supervisor import (
 )
 from tactile_dynamics_ros.cli.view import require_viser
 from tactile_dynamics_ros.core.errors import (
+    BadInputError,
     NotIdentifiableError,
     TactileDynamicsError,
     refuse_existing,
@@ -80,6 +81,11 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         "changes (--hidden, a table that leans by default; none for nothing)",
     )
     parser.add_argument(
+        "--weigh",
+        action="store_true",
+        help="an arm without a hand weighs its tool and a load, and tells its controller",
+    )
+    parser.add_argument(
         "--out",
         type=folder_to_write,
         metavar="DIR",
@@ -102,6 +108,8 @@ def run(args: Namespace) -> int:
     require_simulator()
     if args.view:
         require_viser()
+    if args.weigh:
+        return _run_weigh(args)
     args.hidden = args.hidden or (CHANGE if args.planar else "none")
     if args.magnitude is None:
         args.magnitude = CHANGED_BY if args.planar else 1.0
@@ -172,6 +180,22 @@ def _run_planar(args: Namespace) -> int:
     if args.json:
         hidden = ("parts", "history", "goal_from", "goal_to")
         print(json.dumps({key: value for key, value in told.items() if key not in hidden}))
+    return 0
+
+
+def _run_weigh(args: Namespace) -> int:
+    """Play the story of an arm that weighs what it carries.
+
+    Raises:
+        BadInputError: something else is asked for as well.
+    """
+    if args.planar or args.hidden:
+        raise BadInputError("demo --weigh: goes without --planar and --hidden")
+    from tactile_dynamics_ros.cli.demo_weigh import play
+
+    told = play(args, _new_folder(args), _Speaker(quiet=args.json))
+    if args.json:
+        print(json.dumps(told))
     return 0
 
 

@@ -28,6 +28,7 @@ VERBS: dict[str, Verb] = {
             "demo --object mug --seed 3 --view",
             "demo --hidden random --seed 11",
             "demo --planar --object 121",
+            "demo --weigh",
         ),
     ),
     "run": Verb(
@@ -82,6 +83,11 @@ VERBS: dict[str, Verb] = {
         "explore",
         "push an object on a table where that tells most, until it is known",
         ("explore", "explore --json"),
+    ),
+    "weigh": Verb(
+        "weigh",
+        "an arm weighs its tool and its load, and tells its controller",
+        ("weigh --dry-run", "weigh --apply", "weigh --tool none"),
     ),
     "record": Verb(
         "record",

@@ -56,6 +56,12 @@ from tactile_dynamics_ros.ros.weighed import Weighed, advise, ask, keep, new_fol
 
 STEP = 0.02
 """Real time between looks at a motion, s: an arm of 0.5 rad/s turns by 0.6 deg meanwhile."""
+TOLD = 0.1
+"""Step of the share done at which a goal's client is told, beside each new phase: ten lines for a
+person to read; programs follow weigher/progress."""
+DISCOVERY = 5.0
+"""Real time for joints, sensor, controller and URDF to be found, s: a node that was just started
+needs some of it."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +122,7 @@ class WeigherNode(Shell):
         self._story: Story | None = None
         self._answer = RosFuture()
         self._proceed = False
-        self._state = ("idle", 0.0, "")
+        self._state, self._told = ("idle", 0.0, ""), 0.0
         self._progress = self.latched(DiagnosticStatus, WEIGH_PROGRESS)
         self._shown = self.latched(JointTrajectory, WEIGH_MOTION)
         self._markers = self.latched(MarkerArray, WEIGH_MARKERS)
@@ -199,9 +205,7 @@ class WeigherNode(Shell):
 
     def _tell_story(self, wanted: Wanted) -> Story:
         """Plan, then move and estimate, tool first; yields while it waits."""
-        arm = self._arm()
-        if not wanted.dry_run:
-            self.arm_motion.require_ready()
+        arm = yield from self._await_arm()
         measured: dict[str, list[Path]] = {"A": [], "B": []}
         letters = (
             self.config.order if wanted.tool == "measure" else "B" * (len(self.config.order) // 2)
@@ -222,8 +226,20 @@ class WeigherNode(Shell):
             sign = 1.0 if self.config.of_sensor_on_load else -1.0
             name = {"A": "tool", "B": "load"}[letter]
             path = folder / f"{name}_{len(measured[letter]) + 1}.mcap"
-            measured[letter].append(keep(self.arm_motion.taken, arm, sign, path))
+            measured[letter].append(keep(self.arm_motion.taken.after_lead(), arm, sign, path))
         yield from self._estimate(measured, folder, wanted)
+
+    def _await_arm(self) -> Generator[None, None, Arm]:
+        """Return the arm when joints, sensor, controller and URDF are there."""
+        deadline = time.monotonic() + DISCOVERY
+        while True:
+            try:
+                self.arm_motion.require_ready()
+                return self._arm()
+            except NotIdentifiableError:
+                if time.monotonic() > deadline:
+                    raise
+            yield
 
     def _arm(self) -> Arm:
         """Return the arm from its URDF and the frame of the sensor."""
@@ -267,7 +283,7 @@ class WeigherNode(Shell):
         self.arm_motion.begin(motion)
         while not self.arm_motion.watch():
             share = (number + self.arm_motion.share) / count
-            text = f"motion {number + 1} of {count}, nearest: {motion.room.what}"
+            text = f"motion {number + 1} of {count}"
             self._note("move", 0.8 * share, text)
             yield
         if self.arm_motion.stopped:
@@ -340,6 +356,9 @@ class WeigherNode(Shell):
         self._state = (phase, share, text)
         if changed:
             self._tell()
+        if changed or abs(share - self._told) >= TOLD:
+            self._told = share
+            self.action.tell(phase, share, text)
 
     def _tell(self) -> None:
         """Say what is being done."""
@@ -347,7 +366,6 @@ class WeigherNode(Shell):
         values = {"phase": phase, "share_done": round(share, 3)}
         level = DiagnosticStatus.WARN if phase == "failed" else DiagnosticStatus.OK
         self._progress.publish(status_message("weigher", values, level, text))
-        self.action.tell(phase, share, text)
 
     def _end(self, success: bool, text: str, document: dict[str, Any]) -> None:
         self._story = None

@@ -31,6 +31,10 @@ BRAKE = 0.3
 """Time in which an arm that is stopped comes to rest, s: from a quarter of its speed, 0.5 rad/s, at
 2 rad/s^2. Controllers of ROS 2 Jazzy throw empty trajectories away, so that one is sent that ends
 where the arm can be at rest."""
+LEAD = 1.0
+"""Time in which the controller goes from where it wants the arm to where the arm is, s, before a
+motion begins: under an unknown load an arm hangs below what its controller wants, and a step there
+shakes it."""
 SETTLE = 0.5
 """Time after the last point until a motion has ended, s: links stop shaking."""
 
@@ -53,7 +57,7 @@ class ArmMotionConfig:
 
 @dataclass
 class Taken:
-    """What was measured during a motion.
+    """What was measured during a motion, its lead-in too.
 
     Attributes:
         joint_time: s, with positions (J,) each. wrench_time: s, with [force, torque] (6,) each.
@@ -63,6 +67,21 @@ class Taken:
     positions: list[Array] = field(default_factory=list)
     wrench_time: list[float] = field(default_factory=list)
     wrenches: list[Array] = field(default_factory=list)
+
+    def after_lead(self) -> Taken:
+        """Return what was measured since the motion itself began."""
+        if not self.joint_time:
+            return self
+        joints, wrenches = (
+            int(np.searchsorted(times, self.joint_time[0] + LEAD))
+            for times in (self.joint_time, self.wrench_time)
+        )
+        return Taken(
+            self.joint_time[joints:],
+            self.positions[joints:],
+            self.wrench_time[wrenches:],
+            self.wrenches[wrenches:],
+        )
 
 
 class ArmMotion:
@@ -101,7 +120,7 @@ class ArmMotion:
         """Share of the motion that is done, 0 to 1."""
         if self._motion is None or self._begun is None or not self.taken.joint_time:
             return 0.0
-        elapsed = self.taken.joint_time[-1] - self._begun
+        elapsed = self.taken.joint_time[-1] - self._begun - LEAD
         return float(np.clip(elapsed / self._motion.duration, 0.0, 1.0))
 
     def require_ready(self) -> None:
@@ -126,7 +145,7 @@ class ArmMotion:
         self._reader = JointReader(motion.names)
         self._motion = motion
         times, positions, velocities = motion.table(POINTS_HZ)
-        self._send(times[1:], positions[1:], velocities[1:])
+        self._send(times + LEAD, positions, velocities)
 
     def stop(self, why: str) -> None:
         """Bring the arm to rest where it is."""
@@ -151,7 +170,7 @@ class ArmMotion:
                 return True
         if self._begun is None or not self.taken.joint_time:
             return False
-        elapsed = self.taken.joint_time[-1] - self._begun
+        elapsed = self.taken.joint_time[-1] - self._begun - LEAD
         if elapsed > self._motion.duration + SETTLE:
             self._motion = None
             return True

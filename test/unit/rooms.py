@@ -69,6 +69,10 @@ ROOMS = {
     "core/discrepancy": Room(
         "which effect is missing; knows nothing of hands or objects", ("core/numerics",)
     ),
+    "core/weighing": Room(
+        "an arm that turns what it carries about: its links' clearance, the motion that tells most",
+        ("core/rigid_body", "core/robot", _INERTIA + "excitation"),
+    ),
     "core/manipulation": Room(
         "grasp, lift, excite: measured state to joint targets", ("core/rigid_body", "core/robot")
     ),
@@ -231,6 +235,7 @@ ROOMS = {
             "core/contact",
             "core/effects",
             "core/friction",
+            "core/weighing",
             _INERTIA + "batch",
             _INERTIA + "compensation",
             _INERTIA + "diagnosis",
@@ -268,6 +273,7 @@ ROOMS = {
         ("core/contact", "core/discrepancy", "core/friction", _INERTIA + "diagnosis")
         + (_INERTIA + "compensation",)
         + (_INERTIA + "live", "core/manipulation", "core/rigid_body", "core/robot", "core/shape")
+        + ("core/weighing", "recording")
         + ("core/planar/actions", "core/planar/control", "core/planar/filter")
         + ("core/planar/mechanics", "core/planar/network", "core/planar/properties")
         + ("core/streams", "core/tactile", "core/tracking", "ros", "sim"),

@@ -26,6 +26,7 @@ ROS = {
     "std_msgs",
     "std_srvs",
     "tf2_msgs",
+    "trajectory_msgs",
     "visualization_msgs",
 }
 DISTRIBUTION = {

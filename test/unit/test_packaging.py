@@ -74,7 +74,7 @@ def test_a_robot_gets_every_library_from_apt_or_by_the_pip_line_of_the_readme(se
 
 def test_the_dockerfile_copies_what_exists_and_builds_as_the_readme_does():
     copies = re.findall(r"^COPY (?:--\w+=\S+ )?(\S+) \S+$", DOCKERFILE, re.MULTILINE)
-    assert copies == ["package.xml", "."]
+    assert copies == ["package.xml", "interfaces/package.xml", "."]
     assert all((ROOT / source).exists() for source in copies)
     block = README.partition("## On a robot with ROS 2 Jazzy")[2].partition("```\n")[0]
     for command in ("rosdep install", "python3 -m venv", "colcon build"):

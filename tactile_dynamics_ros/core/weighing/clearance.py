@@ -11,14 +11,16 @@ from tactile_dynamics_ros.core.weighing.arm import Arm, Hull
 
 Array = NDArray[np.float64]
 
-_AXES = np.array(
-    [d for d in np.ndindex(3, 3, 3) if d > (1, 1, 1)],
-    dtype=float,
-) - 1.0  # fmt: skip
-_HALF = _AXES / np.linalg.norm(_AXES, axis=1)[:, None]
-DIRECTIONS = np.concatenate([_HALF, -_HALF])
-"""Directions (26, 3) that are tried as separating ones, of the edges, faces and corners of a cube.
-Fewer call links near that are not; more cost time."""
+
+def _cube_directions() -> Array:
+    """Return unit vectors (26, 3) to the faces, edges and corners of a cube."""
+    cells = np.array([cell for cell in np.ndindex(3, 3, 3) if cell != (1, 1, 1)], dtype=float)
+    return np.asarray((cells - 1.0) / np.linalg.norm(cells - 1.0, axis=1)[:, None])
+
+
+DIRECTIONS = _cube_directions()
+"""Directions (26, 3) that are tried as separating ones. Fewer call links near that are not; more
+cost time."""
 _APPROACH = 5e-3
 """How much nearer than at the start a pair of links may come whose shapes are closer than the
 margin there already, m: bounds of neighbours in a chain overlap though the links do not touch."""
