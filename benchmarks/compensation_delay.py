@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,14 @@ from tactile_dynamics_ros.ros.shell import STREAM
 
 WARM_UP = 2.0
 """Start of a run that is not counted, s: libraries are loaded into caches."""
+
+
+BESIDE = {
+    "inertial_estimator": {"contacts": ["wrist"]},
+    "model_check": {"contacts": ["wrist"]},
+    "payload_writer": {"contacts": ["wrist"]},
+}
+"""Parameters of nodes that hear the same sensor; others have none."""
 
 
 class Rig:
@@ -101,6 +110,12 @@ def main() -> int:
     """Print one row per rate."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rates", type=float, nargs="+", default=[100.0, 250.0, 500.0, 1000.0])
+    parser.add_argument(
+        "--beside",
+        default="",
+        metavar="A,B",
+        help="nodes that run as well and hear the same: inertial_estimator,model_check ...",
+    )
     parser.add_argument("--seconds", type=float, default=20.0, help="of each rate")
     parser.add_argument("--json", action="store_true", help="print only JSON on stdout")
     options = parser.parse_args()
@@ -113,7 +128,10 @@ def main() -> int:
         )
         rclpy.init()
         for rate in options.rates:
-            with subprocess.Popen(command, env=os.environ.copy()) as process:
+            with subprocess.Popen(command, env=os.environ.copy()) as process, ExitStack() as others:
+                for name in filter(None, options.beside.split(",")):
+                    words = node_command(name, parameters=BESIDE.get(name))
+                    others.callback(others.enter_context(subprocess.Popen(words)).terminate)
                 rig = Rig()
                 while rig._force.get_subscription_count() < 2:
                     time.sleep(0.05)
@@ -125,6 +143,7 @@ def main() -> int:
             lost = 1.0 - len(set(rig.compensated) & set(rig.sent)) / max(sent, 1)
             row = {
                 "rate_hz": rate,
+                "beside": options.beside,
                 "n": len(delay),
                 "p50_ms": 1e3 * float(np.median(delay)),
                 "p99_ms": 1e3 * float(np.percentile(delay, 99.0)),

@@ -72,7 +72,10 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         "--config", default=DEFAULT_CONFIG, metavar="YAML", help="nodes, parameters: which robot"
     )
     parser.add_argument(
-        "--duration", type=DURATION, metavar="S", help="of the motion (30; with --hidden 60)"
+        "--duration",
+        type=DURATION,
+        metavar="S",
+        help="of the motion (30; with --hidden 60; with --weigh 20)",
     )
     parser.add_argument(
         "--planar",

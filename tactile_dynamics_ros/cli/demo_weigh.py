@@ -35,6 +35,8 @@ SETTLED = 1.5
 """Real seconds until an arm that sags has come to rest: ten time constants of its controller."""
 ANSWER = 10.0
 """Real seconds for the simulator's answers, which it only has to look up."""
+MOTION = 20.0
+"""Length of a motion, s, as of the node: mass to 0.1 %, moments of inertia to 3 %."""
 MOST = 6.0
 """Payload that the simulated arm may carry, kg; tool and load of the demo weigh 3 at most."""
 
@@ -109,7 +111,7 @@ def play(args: Namespace, out: Path, say: Callable[[str], None]) -> dict[str, An
         say(f"nodes run on ROS domain {domain} of this host; look in with")
         say(f"  ROS_DOMAIN_ID={domain} tactile-dynamics echo /weigher/progress")
         supervisor.start("robot_sim", node_command("robot_sim", None, _simulated(args)))
-        supervisor.start("weigher", node_command("weigher", None, _weigher(out)))
+        supervisor.start("weigher", node_command("weigher", None, _weigher(args, out)))
         start_view(supervisor, getattr(args, "view", None), say)
         with short_lived_node() as node:
             found, truth, sag = _weigh(node, args, say)
@@ -137,8 +139,10 @@ def _simulated(args: Namespace) -> dict[str, object]:
     }
 
 
-def _weigher(out: Path) -> dict[str, object]:
+def _weigher(args: Namespace, out: Path) -> dict[str, object]:
     return {
+        "motion.duration": float(args.duration or MOTION),
+        "motion.seed": args.seed,
         "controller": "other",
         "maximum_mass": MOST,
         "folder": out / "weighed",
@@ -152,7 +156,8 @@ def _weigh(
     """Let the arm weigh; return its findings, the truth, and how far the arm sags."""
     sag = _Sag(tool=_truth(node)["sag_m"])
     weigh.on_change(node, "", _Gripper(node, sag, say).attach)
-    say("the arm weighs its tool, then the load: 20 s of motion each")
+    span = args.duration or MOTION
+    say(f"the arm weighs its tool, then the load: {span:g} s of motion each")
     wanted = Namespace(
         apply=True,
         dry_run=False,

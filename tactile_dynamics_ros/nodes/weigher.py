@@ -10,14 +10,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import Point
 from rclpy.task import Future as RosFuture
-from std_msgs.msg import ColorRGBA, String
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
-from visualization_msgs.msg import Marker, MarkerArray
+from visualization_msgs.msg import MarkerArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import (
@@ -32,8 +30,13 @@ from tactile_dynamics_ros.core.weighing.excitation import (
     plan_weighing,
 )
 from tactile_dynamics_ros.recording.yaml_files import read_body
-from tactile_dynamics_ros.ros.actions import CANCELED, Action
-from tactile_dynamics_ros.ros.arm_motion import ArmMotion, ArmMotionConfig, trajectory_message
+from tactile_dynamics_ros.ros.actions import CANCELED, Action, interface
+from tactile_dynamics_ros.ros.arm_motion import (
+    ArmMotion,
+    ArmMotionConfig,
+    trajectory_message,
+    way_markers,
+)
 from tactile_dynamics_ros.ros.background import Background
 from tactile_dynamics_ros.ros.conversions import header
 from tactile_dynamics_ros.ros.diagnostics import status_message
@@ -52,6 +55,7 @@ from tactile_dynamics_ros.ros.names import (
 )
 from tactile_dynamics_ros.ros.parameters import declare_config
 from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
+from tactile_dynamics_ros.ros.typed_messages import body_message
 from tactile_dynamics_ros.ros.weighed import Weighed, advise, ask, keep, new_folder
 
 STEP = 0.02
@@ -252,14 +256,9 @@ class WeigherNode(Shell):
         return Arm.of_urdf(self._urdf, base, tip, what=ROBOT_DESCRIPTION)
 
     def _design(self, arm: Arm, wanted: Wanted) -> Generator[None, None, WeighingMotion]:
-        positions = self.arm_motion.positions
-        absent = [name for name in arm.names if name not in positions]
-        if absent:
-            raise NotIdentifiableError(f"joint '{absent[0]}' is not on joint_states")
-        start = np.array([positions[name] for name in arm.names])
-        limits = self.limits
-        if wanted.speed_share > 0.0:
-            limits = replace(limits, speed_share=min(wanted.speed_share, 1.0))
+        start = self.arm_motion.position_of(arm.names)
+        share = wanted.speed_share or self.limits.speed_share
+        limits = replace(self.limits, speed_share=share)
         motion: WeighingMotion = yield from self._wait(
             self._background.submit(plan_weighing, arm, start, limits)
         )
@@ -271,12 +270,7 @@ class WeigherNode(Shell):
         times, positions, velocities = motion.table(10.0)
         self._shown.publish(trajectory_message(motion.names, times, positions, velocities))
         base = self.config.base or Arm.root_of(self._urdf)
-        line = Marker(header=header(0.0, base), ns="weigher", type=Marker.LINE_STRIP)
-        line.scale.x, line.color = 0.004, ColorRGBA(r=0.9, g=0.5, b=0.1, a=1.0)
-        line.pose.orientation.w = 1.0
-        for place in arm.tip_poses(positions)[:, :3, 3].tolist():
-            line.points.append(Point(x=place[0], y=place[1], z=place[2]))
-        self._markers.publish(MarkerArray(markers=[line]))
+        self._markers.publish(way_markers(arm.tip_poses(positions)[:, :3, 3], base))
 
     def _move(self, motion: WeighingMotion, number: int, count: int) -> Story:
         self.emergency.require_released()
@@ -323,7 +317,19 @@ class WeigherNode(Shell):
             self._note("apply", 0.95, "handing the payload over")
             taken, said = yield from self._apply(measured["B"], folder, load, told["doubts"])
             told["handed_over"], text = taken, f"{text}; {said}"
-        self._end(True, text, told)
+        bodies = {"tool": tool, "load": load}
+        self._end(True, text, told, **{
+            name: self._message(body) for name, body in bodies.items() if body is not None
+        })  # fmt: skip
+
+    def _message(self, weighed: Weighed) -> Any:
+        """Return the typed estimate of a body; None where its type is not installed."""
+        if interface("msg.Estimate") is None:
+            return None
+        error = weighed.document["error"]["whitened_rms"]
+        frame = self.config.sensor or self.arm_motion.frame
+        head = header(self.arm_motion.taken.joint_time[-1], frame)
+        return body_message(read_body(weighed.file), error, not weighed.doubts, head)
 
     def _apply(
         self, files: list[Path], folder: Path, load: Weighed, doubts: list[str]
@@ -367,14 +373,22 @@ class WeigherNode(Shell):
         level = DiagnosticStatus.WARN if phase == "failed" else DiagnosticStatus.OK
         self._progress.publish(status_message("weigher", values, level, text))
 
-    def _end(self, success: bool, text: str, document: dict[str, Any]) -> None:
+    def _end(self, success: bool, text: str, document: dict[str, Any], **bodies: Any) -> None:
+        """Answer whoever asked.
+
+        Args:
+            success: whether all was done.
+            text: outcome in a sentence.
+            document: what `weigh --json` prints.
+            bodies: tool and load as messages, where they were weighed.
+        """
         self._story = None
         self._note("done" if success else "failed", 1.0, text)
         if not self._answer.done():
             said = json.dumps(document) if success else text
             self._answer.set_result((success, said))
         handed = bool(document.get("handed_over", False))
-        self.action.end(success, text, document or None, handed_over=handed)
+        self.action.end(success, text, document or None, handed_over=handed, **bodies)
 
 
 def main() -> int:

@@ -219,4 +219,4 @@ def _readings(
 
 def main() -> int:
     """Run the node."""
-    return run_node(WrenchCompensatorNode)
+    return run_node(WrenchCompensatorNode, prompt=True)

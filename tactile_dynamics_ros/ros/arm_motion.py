@@ -8,15 +8,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from builtin_interfaces.msg import Duration
-from geometry_msgs.msg import WrenchStamped
+from geometry_msgs.msg import Point, WrenchStamped
 from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
+from std_msgs.msg import ColorRGBA
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+from visualization_msgs.msg import Marker, MarkerArray
 
 from tactile_dynamics_ros.core.configuration import parameter
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.weighing.excitation import WeighingMotion
-from tactile_dynamics_ros.ros.conversions import JointReader, to_seconds, wrench_to_core
+from tactile_dynamics_ros.ros.conversions import JointReader, header, to_seconds, wrench_to_core
 from tactile_dynamics_ros.ros.inputs import Need
 from tactile_dynamics_ros.ros.names import JOINT_STATES, JOINT_TRAJECTORY, WRIST_WRENCH
 from tactile_dynamics_ros.ros.shell import Shell
@@ -78,7 +80,7 @@ class Taken:
         )
         return Taken(
             self.joint_time[joints:],
-            self.positions[joints:],
+            self._positions[joints:],
             self.wrench_time[wrenches:],
             self.wrenches[wrenches:],
         )
@@ -95,13 +97,12 @@ class ArmMotion:
         taken: what was measured since the motion began.
         frame: frame of the sensor, from its messages; empty before.
         stopped: why the motion was stopped; empty if it was not.
-        positions: newest joint positions by name, rad.
     """
 
     def __init__(self, node: Shell, config: ArmMotionConfig) -> None:
         self._node, self.config = node, config
         self.taken, self.frame, self.stopped = Taken(), "", ""
-        self.positions: dict[str, float] = {}
+        self._positions: dict[str, float] = {}
         self._motion: WeighingMotion | None = None
         self._reader: JointReader | None = None
         self._begun: float | None = None
@@ -138,6 +139,17 @@ class ArmMotion:
                 f"nobody listens to {self._command.topic_name}; is the controller active? Another "
                 "one is named by the parameter trajectory"
             )
+
+    def position_of(self, names: Sequence[str]) -> Array:
+        """Return the newest positions of joints, rad.
+
+        Raises:
+            NotIdentifiableError: one is not on joint_states.
+        """
+        absent = [name for name in names if name not in self._positions]
+        if absent:
+            raise NotIdentifiableError(f"joint '{absent[0]}' is not on {JOINT_STATES}")
+        return np.array([self._positions[name] for name in names])
 
     def begin(self, motion: WeighingMotion) -> None:
         """Send a motion; it begins where the arm is."""
@@ -204,7 +216,7 @@ class ArmMotion:
 
     def _on_joints(self, message: Joints) -> None:
         self._heard[JOINT_STATES] = time.monotonic()
-        self.positions = dict(zip(message.names, message.positions.tolist(), strict=False))
+        self._positions = dict(zip(message.names, message.positions.tolist(), strict=False))
         if self._motion is None or self._reader is None:
             return
         stamp = to_seconds(message.stamp)
@@ -254,3 +266,17 @@ def trajectory_message(
             )
         )
     return message
+
+
+def way_markers(places: Array, frame: str) -> MarkerArray:
+    """Return the way of a sensor as a line for RViz.
+
+    Args:
+        places: (N, 3) m.
+        frame: in which they are.
+    """
+    line = Marker(header=header(0.0, frame), ns="weigher", type=Marker.LINE_STRIP)
+    line.scale.x, line.color = 0.004, ColorRGBA(r=0.9, g=0.5, b=0.1, a=1.0)
+    line.pose.orientation.w = 1.0
+    line.points = [Point(x=x, y=y, z=z) for x, y, z in places.tolist()]
+    return MarkerArray(markers=[line])

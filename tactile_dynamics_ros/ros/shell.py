@@ -351,7 +351,9 @@ def spin(node: Shell, stop: Callable[[], bool]) -> None:
     executor.remove_node(node)
 
 
-def run_node(factory: Callable[[], Shell], arguments: list[str] | None = None) -> int:
+def run_node(
+    factory: Callable[[], Shell], arguments: list[str] | None = None, prompt: bool = False
+) -> int:
     """Run one node until Ctrl-C or SIGTERM; return the exit code.
 
     While it starts, it is left at once; later the callback that runs is finished, unless that takes
@@ -360,8 +362,10 @@ def run_node(factory: Callable[[], Shell], arguments: list[str] | None = None) -
     Args:
         factory: makes the node.
         arguments: command line without the program, that of this process if None.
+        prompt: answer each message at once, at the price of processor time; else finish bursts.
     """
-    finish_bursts()
+    if not prompt:
+        finish_bursts()
     node: Shell | None = None
     with StopRequest(patience=0.0, limit=TIME_TO_END, at_once=abandon_all) as stop:
         try:

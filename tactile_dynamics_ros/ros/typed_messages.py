@@ -12,6 +12,7 @@ from tactile_dynamics_ros.core.discrepancy.documents import Document
 from tactile_dynamics_ros.core.effects.registry import HELD
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate
 from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters, KnownBody
 from tactile_dynamics_ros.ros.actions import interface
 from tactile_dynamics_ros.ros.conversions import inertia_to_message
 from tactile_dynamics_ros.ros.shell import Shell
@@ -49,6 +50,26 @@ def estimate_message(estimate: InertialEstimate, adequate: bool, header: Header)
         error=float(estimate.error.whitened_rms),
         adequate=bool(adequate),
         effects=[_effect(name, effect.to_json(), math.nan) for name, effect in effects],
+    )
+
+
+def body_message(known: KnownBody, error: float, adequate: bool, header: Header) -> Any:
+    """Return the tactile_dynamics_msgs/Estimate of a body that is kept in a file.
+
+    Args:
+        known: the body.
+        error: whitened RMS of the residual with it.
+        adequate: whether the model explains the measurements.
+        header: time of the last measurement, and the frame of the body.
+    """
+    body = InertialParameters.from_dynamic_parameters(known.phi)
+    return interface("msg.Estimate")(
+        header=header,
+        inertia=inertia_to_message(body, 0.0, header.frame_id).inertia,
+        covariance=known.covariance.ravel(),
+        undetermined=list(known.undetermined),
+        error=float(error),
+        adequate=bool(adequate),
     )
 
 

@@ -123,6 +123,7 @@ def _verb(*words: str) -> dict[str, Any]:
     done = subprocess.run([*COMMAND, *words, "--json"], capture_output=True, text=True, check=False)
     if done.returncode != 0:
         lines = done.stderr.strip().splitlines()
-        raise NotIdentifiableError(lines[-1] if lines else f"{words[0]} ended without a word")
+        said = lines[-1].removeprefix("error: ") if lines else "it ended without a word"
+        raise NotIdentifiableError(f"{words[0]} {' '.join(words[1:2])}: {said}")
     document: dict[str, Any] = json.loads(done.stdout)
     return document

@@ -61,6 +61,19 @@ def test_a_hidden_effect_is_diagnosed_explained_and_revealed(tmp_path):
     assert result["explanation"]["error"]["after"] < result["explanation"]["error"]["before"]
 
 
+@pytest.mark.timeout(400)
+def test_an_arm_weighs_and_tells_its_controller(tmp_path):
+    pytest.importorskip("tactile_dynamics_msgs")
+    out = tmp_path / "weighed"
+    result = play(out, "--weigh", "--seed", "4", "--duration", "6", timeout=300.0)
+    for name in ("tool", "load"):
+        mass, truth = result["weighed"][name]["mass"], result["truth"][name]["mass"]
+        assert abs(mass["value"] - truth) < 5.0 * mass["std"]
+    assert result["doubts"] == [] and result["handed_over"]
+    assert result["sag_m"]["known"] < 0.1 * result["sag_m"]["load"]
+    assert (out / "report" / "report.html").stat().st_size > 10_000
+
+
 @pytest.mark.long
 @pytest.mark.timeout(1300)
 @pytest.mark.parametrize("hidden", CATALOGUED)
