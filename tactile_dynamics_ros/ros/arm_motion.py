@@ -80,7 +80,7 @@ class Taken:
         )
         return Taken(
             self.joint_time[joints:],
-            self._positions[joints:],
+            self.positions[joints:],
             self.wrench_time[wrenches:],
             self.wrenches[wrenches:],
         )
