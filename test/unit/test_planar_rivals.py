@@ -173,3 +173,22 @@ def test_a_network_that_is_not_told_objects_misses_forces_by_how_much_they_diffe
     assert found["ratio"]["force"]["mean"] == pytest.approx(np.sqrt(np.prod(missed)) / 0.01)
     assert found["ratio"]["yaw_deg"]["mean"] == pytest.approx(1.0)
     assert physics.ratios(found).count("force") == 1
+
+
+def test_a_pull_at_the_centre_of_mass_may_be_a_lean_and_one_beside_it_is_none() -> None:
+    from tactile_dynamics_ros.core.planar.diagnosis.twins import lean_of
+
+    covariance = np.diag([0.01, 0.1, 2e-3, 2e-3, 0.02, 0.02, 1e-3, 1e-3]) ** 2
+    centre = np.array([-0.010, -0.009])
+
+    def lean(point: tuple[float, float]) -> tuple[str, ...]:
+        present = {"constant_pull": np.array([-0.5, -0.6, *point])}
+        return lean_of("constant_pull", centre, [2, 3], present, covariance)
+
+    assert lean((-0.012, -0.008)) == ("support_tilt",)
+    assert lean((0.002, -0.008)) == ()
+    joint = covariance.copy()  # both known together only: the same distance is beyond chance
+    joint[np.ix_([2, 6], [2, 6])] = 1e-6 * np.array([[4.0, 1.999], [1.999, 1.0]])
+    present = {"constant_pull": np.array([-0.5, -0.6, -0.006, -0.009])}
+    assert lean_of("constant_pull", centre, [2, 3], present, joint) == ()
+    assert lean_of("viscous_support", centre, [2, 3], {"viscous_support": np.ones(1)}, joint) == ()

@@ -32,6 +32,9 @@ class Denoised:
     share: float = 0.9
     noise_level: float = 0.0
 
+    def imitators(self, name: str) -> tuple[str, ...]:
+        return ()
+
     @property
     def time(self) -> np.ndarray:
         return np.repeat(np.arange(INSTANTS) / 20, CHANNELS)

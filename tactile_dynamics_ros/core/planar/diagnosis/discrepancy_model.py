@@ -33,6 +33,7 @@ from tactile_dynamics_ros.core.planar.diagnosis.separating_push import (
     plan_push,
     plan_wider,
 )
+from tactile_dynamics_ros.core.planar.diagnosis.twins import lean_of
 from tactile_dynamics_ros.core.planar.diagnosis.two_parts import TwoParts
 from tactile_dynamics_ros.core.planar.diagnosis.variation import (
     SLOPE,
@@ -402,7 +403,16 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
             varied = (VARIATION, *islice(others, 1))
         other = plain_name(name) != plain_name(self.table.regional)
         regional = (self.table.regional,) if self.table.regional and other else ()
-        return (*varied, *regional, *self.pushes.imitators(name))
+        return (*varied, *regional, *self.pushes.imitators(name), *self._leans(name))
+
+    def _leans(self, name: str) -> tuple[str, ...]:
+        """A table that leans, where the point of a pull may be the centre of mass."""
+        own = [self.pushes.names[place] for place in self.pushes.own]
+        if "com_x" not in own:  # of two parts
+            return ()
+        rows = [own.index("com_x"), own.index("com_y")]
+        present = dict(zip(self.effect_names, self.theta, strict=True))
+        return lean_of(name, self.values[rows], rows, present, self.covariance)
 
     def plan_against(self, rivals: Sequence[PushDiscrepancy]) -> dict[str, Any] | None:
         """The push that would tell this model from others."""
