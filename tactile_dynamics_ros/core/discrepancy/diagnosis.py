@@ -276,7 +276,7 @@ def find_group(choice: Choice, config: DiagnosisConfig) -> tuple[tuple[str, ...]
     named = {best.name, *(rival.name for rival in equal)}
     equal = [rival for rival in equal if rival.source.family.contains not in named]
     beside = [name for rival in equal for name in rival.model.imitators(rival.name)]
-    alike = [*choice.model.imitators(best.name), *beside]
+    alike = [name for name in (*choice.model.imitators(best.name), *beside) if name != best.name]
     ambiguous = bool(alike) or any(lasting or is_plausible(rival) for rival in equal)
     names = tuple(dict.fromkeys([best.name, *(r.name for r in equal), *alike]))
     return names if len(names) > 1 else (), ambiguous
