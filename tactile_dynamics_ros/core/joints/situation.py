@@ -1,0 +1,109 @@
+"""What effects of joints act on: the motion in blocks, and the torques of the model so far."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.joints.samples import JointSamples
+
+Array = NDArray[np.float64]
+
+_ENDS = np.array([-1.0, 1.0])
+"""Places of the ends of a block, in halves of its length; fixed by what an end is."""
+
+
+@dataclass(frozen=True, eq=False)
+class Situation:
+    """A motion and the torques that a fitted model gives it.
+
+    Effects that follow the torque, such as friction under load, follow that of this model and not
+    the measured one, whose noise would stand on both sides.
+
+    Attributes:
+        samples: the motion.
+        bodies: (n, 10) dynamic parameters of the links, a payload in the last.
+        friction: (3, n) Coulomb friction, viscous friction and offset of each joint.
+    """
+
+    samples: JointSamples
+    bodies: Array
+    friction: Array
+
+    @cached_property
+    def rigid(self) -> Array:
+        """(K, 3, n) torques of the rigid bodies at three places of each block."""
+        return self.samples.torque(self.bodies)
+
+    @cached_property
+    def load(self) -> Array:
+        """(K, B, n) torques of the rigid bodies at each sample."""
+        return self.samples.within(self.rigid, self.samples.places)
+
+    @cached_property
+    def rubbing(self) -> Array:
+        """(K, B, n) plain friction at each sample."""
+        coulomb, viscous, _ = self.friction
+        return np.asarray(coulomb * self.samples.direction + viscous * self.samples.dq)
+
+    @cached_property
+    def total(self) -> Array:
+        """(K, n) mean torque of each block."""
+        return np.asarray((self.load + self.rubbing).mean(axis=1) + self.friction[2])
+
+    @cached_property
+    def total_rate(self) -> Array:
+        """(K, n) rise of the torque over each block, over its length, N m/s."""
+        ends = self.samples.within(self.rigid, _ENDS)
+        rubbing = self.rubbing[:, [0, -1]]
+        step = (ends + rubbing)[:, 1] - (ends + rubbing)[:, 0]
+        return np.asarray(step / self.samples.length)
+
+    @cached_property
+    def wound_up(self) -> Array:
+        """(K, n, n) change of torques (row) per compliance of a joint (column), (N m)^2/rad.
+
+        Encoders on motors read q + c tau: links are where tau(q - c tau, ...) is. The derivative
+        of the inverse dynamics along the load of one joint and its two rates.
+        """
+        samples = self.samples
+        middle = samples.nodes[:, :, 1]
+        bend = self.rigid[:, 1]
+        rate = _rate(bend, samples)
+        way = np.stack([bend, rate, _rate(rate, samples)])
+        step = 1e-3 / max(float(np.abs(bend).max()), 1e-9)
+        found = np.zeros((*bend.shape, bend.shape[1]))
+        for j in range(bend.shape[1]):
+            moved = middle.copy()
+            moved[:, :, j] -= step * way[:, :, j]
+            torque = samples.arm.torque(samples.arm.motion(*moved), self.bodies)
+            found[:, :, j] = (torque - bend) / step
+        return found
+
+    def gravity_change(self, direction: Array) -> Array:
+        """(K, n) torques that one more m/s^2 of gravity along a direction of the base makes."""
+        middle = self.samples.nodes[0][:, 1]
+        still = np.zeros_like(middle)
+        motion = self.samples.arm.motion(middle, still, still, direction)
+        return self.samples.arm.torque(motion, self.bodies)
+
+    def pull_on(self, link: int) -> Array:
+        """(K, n, 3) torques that the drives need where a force of 1 N pulls on a link's origin."""
+        motion = self.samples.motions[1]
+        felt = np.swapaxes(motion.twists[link][:, 3:], 1, 2) @ np.swapaxes(
+            motion.turns[link], 1, 2
+        )
+        return np.asarray(-felt)
+
+
+def _rate(values: Array, samples: JointSamples) -> Array:
+    """Central differences (K, n) of blocks that follow each other; zero beside gaps."""
+    found = np.zeros_like(values)
+    inner = samples.follows[1:] & samples.follows[:-1]
+    found[1:-1] = np.where(
+        inner[:, None], (values[2:] - values[:-2]) / (2.0 * samples.length), 0.0
+    )
+    return found

@@ -1,0 +1,68 @@
+"""What the joints of an arm measured: positions and torques on one clock."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.errors import BadInputError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class JointStreams:
+    """Positions and torques of the joints of an arm, as they were recorded.
+
+    Attributes:
+        names: of the n joints.
+        time: (N,) s, increasing.
+        position: (N, n) rad, or m of joints that slide.
+        effort: (N, n) torque of the drive, N m, or N: positive along the joint's axis.
+        urdf: text of the arm's URDF.
+    """
+
+    names: tuple[str, ...]
+    time: Array
+    position: Array
+    effort: Array
+    urdf: str = ""
+
+    def __post_init__(self) -> None:
+        """Check the shapes.
+
+        Raises:
+            BadInputError: arrays do not fit each other.
+        """
+        shape = (len(self.time), len(self.names))
+        for what, array in (("position", self.position), ("effort", self.effort)):
+            if array.shape != shape:
+                raise BadInputError(f"{what}: shape {array.shape}; expected {shape}, as time and names")
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first to the last sample."""
+        return float(self.time[-1] - self.time[0]) if len(self.time) else 0.0
+
+    def between(self, start: float, stop: float) -> JointStreams:
+        """What was measured from start to stop, s on the clock of `time`."""
+        inside = (self.time >= start) & (self.time <= stop)
+        return replace(
+            self,
+            time=self.time[inside],
+            position=self.position[inside],
+            effort=self.effort[inside],
+        )
+
+    def of(self, names: Sequence[str]) -> JointStreams:
+        """Only these joints, in this order."""
+        columns = [self.names.index(name) for name in names]
+        return replace(
+            self,
+            names=tuple(names),
+            position=self.position[:, columns],
+            effort=self.effort[:, columns],
+        )
