@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
-from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.joints.effects import (
     JointEffect,
     JointReading,
@@ -24,6 +23,8 @@ Array = NDArray[np.float64]
 
 _STEP = 1e-4
 """Step of central differences along the logarithm of a time; their error is its square."""
+_INSTANT = 2e-3
+"""Step of differences along a delay, s: a sample at 500 Hz. Within less, reversals make steps."""
 _TIMES = (8.0, 20.0, 60.0)
 """Time constants of warming from which a fit begins, s: those of minutes look like 60 s in the
 recordings of a minute that people make; steps of a factor of three leave little between them."""
@@ -81,19 +82,14 @@ class FrictionWarming(JointEffect):
             found.append(ReadingGroup(columns, (JointReading(own, self.name, (0,)),), label))
         return found
 
+    def scales(self) -> dict[str, tuple[str, float, str]]:
+        """The time constant."""
+        return {"ln_T": ("T", self.after, "s")}
+
     def start(self, coefficients: Array) -> Array:
         """The share, and no change of the time constant."""
         return np.append(coefficients, 0.0)
 
-    def read(self, reading: str, names: Sequence[str]) -> JointEffect:
-        """The effect itself.
-
-        Raises:
-            BadInputError: a reading is named.
-        """
-        if reading:
-            raise BadInputError(f"effect '{self.name}' has no reading '{reading}'")
-        return self
 
 
 @JOINTS.register
@@ -126,9 +122,10 @@ class JointCoupling(LinearJointEffect):
 
     def parameters(self) -> tuple[EffectParameter, ...]:
         """Of one pair."""
+        at = f"_{self.names[self.joint]}" if self.names else ""
         return (
-            EffectParameter("C", "N m", 2.0, "drag of the neighbour's direction", 1.0),
-            EffectParameter("D", "N m s/rad", 2.0, "drag per speed of the neighbour", 1.0),
+            EffectParameter(f"C{at}", "N m", 2.0, "drag of the neighbour's direction", 1.0),
+            EffectParameter(f"D{at}", "N m s/rad", 2.0, "drag per speed of the neighbour", 1.0),
         )
 
     def columns(self, situation: Situation) -> Array:
@@ -150,21 +147,6 @@ class JointCoupling(LinearJointEffect):
                 reading = JointReading(own, own.label, (0, 1))
                 found.append(ReadingGroup(own.columns(situation), (reading,), own.label))
         return found
-
-    def read(self, reading: str, names: Sequence[str]) -> JointEffect:
-        """The pair that a label names, as ``joint_6<joint_5``.
-
-        Raises:
-            BadInputError: there is no such pair.
-        """
-        parts = reading.split("<") if reading else []
-        if len(parts) != 2 or not set(parts) <= set(names):
-            raise BadInputError(
-                f"effect '{self.name}:{reading}': expected the joint that feels it and the one "
-                f"that moves, as {self.name}:{names[1] if len(names) > 1 else 'b'}<"
-                f"{names[0] if names else 'a'}"
-            )
-        return JointCoupling(names.index(parts[0]), names.index(parts[1]), tuple(names))
 
     def where(self, names: Sequence[str]) -> str:
         """The joint that feels it."""
@@ -199,8 +181,9 @@ class LinkCable(LinearJointEffect):
 
     def parameters(self) -> tuple[EffectParameter, ...]:
         """The force in the axes of the base."""
+        at = f"_{self.names[-1 if self.link is None else self.link]}" if self.names else ""
         return tuple(
-            EffectParameter(f"F_{axis}", "N", 20.0, f"force on the link in the base, {axis}", 5.0)
+            EffectParameter(f"F{at}_{axis}", "N", 20.0, f"force on the link in the base, {axis}", 5.0)
             for axis in "xyz"
         )
 
@@ -218,19 +201,6 @@ class LinkCable(LinearJointEffect):
             reading = JointReading(own, own.label, (0, 1, 2))
             found.append(ReadingGroup(own.columns(situation), (reading,), own.label))
         return found
-
-    def read(self, reading: str, names: Sequence[str]) -> JointEffect:
-        """The link of a joint; the last if it is empty.
-
-        Raises:
-            BadInputError: there is no such joint.
-        """
-        if reading and reading not in names:
-            raise BadInputError(
-                f"effect '{self.name}:{reading}': expected the joint of a link, one of "
-                f"{', '.join(names)}"
-            )
-        return LinkCable(names.index(reading) if reading else None, tuple(names))
 
     def where(self, names: Sequence[str]) -> str:
         """The link."""
@@ -264,20 +234,30 @@ class BaseTilt(LinearJointEffect):
 
 @JOINTS.register
 @dataclass(frozen=True)
-class TorqueDelay(LinearJointEffect):
-    """Torques are stamped later than positions, to first order in the delay."""
+class TorqueDelay(JointEffect):
+    """Torques are stamped later than positions."""
 
     name = "torque_delay"
     family = "sensor"
     formula = "tau(t - d) - tau(t)"
-    looks_like = "Errors follow the rate of the torque in all joints."
+    looks_like = "Errors follow the rate of the torque in all joints, most at reversals."
     sentence = "torques are late against positions"
     remedy = "Record both from one cycle of the controller, or shift the torques' stamps."
 
     def parameters(self) -> tuple[EffectParameter, ...]:
         """One delay for all joints."""
-        return (EffectParameter("d", "s", 0.03, "delay of the torques", 0.01),)
+        return (EffectParameter("d", "s", 0.03, "delay of the torques", 0.002),)
 
-    def columns(self, situation: Situation) -> Array:
-        """Fall of the torque over each block, per second."""
-        return -situation.total_rate[..., None]
+    def torque(self, situation: Situation, theta: Array) -> Array:
+        """The model's torque of earlier, in place of that of now."""
+        return situation.shifted(float(theta[0]))
+
+    def jacobian(self, situation: Situation, theta: Array) -> Array:
+        """By differences over some milliseconds: reversals make steps of a sample."""
+        more, less = (situation.shifted(float(theta[0]) + s) for s in (_INSTANT, -_INSTANT))
+        return np.asarray((more - less) / (2.0 * _INSTANT))[..., None]
+
+    def groups(self, situation: Situation) -> list[ReadingGroup]:
+        """One reading."""
+        own = JointReading(self, self.name, (0,))
+        return [ReadingGroup(self.jacobian(situation, np.zeros(1)), (own,), self.name)]

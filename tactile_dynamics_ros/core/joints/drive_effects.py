@@ -55,7 +55,7 @@ class LoadDependentFriction(PerJointEffect):
     looks_like = "Friction is larger where gravity loads the joint, in either direction."
     sentence = "friction grows with the load on the gear"
     remedy = "Add it: otherwise a payload looks lighter on the way down than on the way up."
-    amplitudes: ClassVar = (EffectParameter("c", "", 0.1, "friction over load", 0.05),)
+    amplitudes: ClassVar = (EffectParameter("c", "", 0.1, "friction over load", 0.05, least=0.0),)
 
     def column(self, situation: Situation, joint: int, shape: float) -> Array:
         """Mean of |load| times direction over each block."""
@@ -95,7 +95,7 @@ class RotorInertia(PerJointEffect):
     sentence = "the rotor behind the gear has inertia of its own"
     remedy = "Add the rotor's inertia times the square of the gear ratio to the joint's model."
     amplitudes: ClassVar = (
-        EffectParameter("J", "kg m^2", 1.0, "inertia of the rotor at the joint", 0.2),
+        EffectParameter("J", "kg m^2", 1.0, "inertia of the rotor at the joint", 0.2, least=0.0),
     )
 
     def column(self, situation: Situation, joint: int, shape: float) -> Array:
@@ -118,7 +118,7 @@ class JointElasticity(PerJointEffect):
     sentence = "gears wind up under load, so that links are not where the encoders say"
     remedy = "Use encoders behind the gears, or correct positions by torque over stiffness."
     amplitudes: ClassVar = (
-        EffectParameter("c", "rad s^2/kg m^2", 1e-3, "compliance, rad per N m", 1e-4),
+        EffectParameter("c", "rad s^2/kg m^2", 1e-3, "compliance, rad per N m", 1e-4, least=0.0),
     )
 
     def column(self, situation: Situation, joint: int, shape: float) -> Array:
@@ -149,7 +149,7 @@ class Backlash(PerJointEffect):
     sentence = "after each reversal play is crossed before friction turns"
     remedy = "Have the gear adjusted, approach poses from one side, or leave reversals out."
     amplitudes: ClassVar = (
-        EffectParameter("F", "N m", 4.0, "torque that is missing at a reversal", 1.0),
+        EffectParameter("F", "N m", 4.0, "torque that is missing at a reversal", 1.0, least=0.0),
     )
     shape: ClassVar = EffectParameter("w", "rad", 0.05, "width of the play")
     grid: ClassVar = (0.02, 0.05, 0.12)

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
-from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.joints.situation import Situation
 
 Array = NDArray[np.float64]
@@ -97,17 +96,13 @@ class JointEffect(ABC):
     def groups(self, situation: Situation) -> list[ReadingGroup]:
         """All readings that a recording can have, in groups that share columns."""
 
-    @abstractmethod
-    def read(self, reading: str, names: Sequence[str]) -> JointEffect:
-        """The reading of a label, such as ``joint_3``, or of all joints if it is empty.
-
-        Raises:
-            BadInputError: there is no such reading.
-        """
-
     def start(self, coefficients: Array) -> Array:
         """Parameters from which a fit begins, given the coefficients of its columns."""
         return coefficients
+
+    def scales(self) -> dict[str, tuple[str, float, str]]:
+        """What the logarithms among the parameters are of: name, value at zero, and unit."""
+        return {}
 
     def where(self, names: Sequence[str]) -> str:
         """Where it acts, in words; empty for everywhere."""
@@ -135,16 +130,6 @@ class LinearJointEffect(JointEffect):
         columns = self.columns(situation)
         own = JointReading(self, self.label, tuple(range(columns.shape[2])))
         return [ReadingGroup(columns, (own,), self.label)]
-
-    def read(self, reading: str, names: Sequence[str]) -> JointEffect:
-        """The effect itself.
-
-        Raises:
-            BadInputError: a reading is named.
-        """
-        if reading:
-            raise BadInputError(f"effect '{self.name}' has no reading '{reading}'")
-        return self
 
 
 @dataclass(frozen=True)
@@ -210,6 +195,17 @@ class PerJointEffect(JointEffect):
                 )
         return tuple(found)
 
+    def scales(self) -> dict[str, tuple[str, float, str]]:
+        """The shape of each joint."""
+        if self.shape is None:
+            return {}
+        ends = [f"_{self.named[j]}" if self.named else "" for j in self._own]
+        name, unit = self.shape.name, self.shape.unit
+        return {
+            f"ln_{name}{end}": (f"{name}{end}", self._shape_of(place), unit)
+            for place, end in enumerate(ends)
+        }
+
     def _parts(self, theta: Array) -> list[tuple[int, Array, float, float]]:
         """Joint, amplitudes, shape and its start for each joint that has it."""
         each, count = self._each, len(self.amplitudes)
@@ -272,23 +268,6 @@ class PerJointEffect(JointEffect):
         for j in range(n):
             found[:, j, each * j : each * (j + 1)] = self.column(situation, j, shape)
         return found
-
-    def read(self, reading: str, names: Sequence[str]) -> JointEffect:
-        """The effect on the joints that a label names, with + between them; all if it is empty.
-
-        Raises:
-            BadInputError: there is no such joint.
-        """
-        if not reading:
-            return replace(self, joints=None, named=tuple(names))
-        wanted = reading.split("+")
-        unknown = [name for name in wanted if name not in names]
-        if unknown:
-            raise BadInputError(
-                f"effect '{self.name}:{reading}': joint '{unknown[0]}' is unknown; expected some "
-                f"of {', '.join(names)}"
-            )
-        return replace(self, joints=tuple(names.index(n) for n in wanted), named=tuple(names))
 
     def start(self, coefficients: Array) -> Array:
         """Amplitudes as in the columns, shapes where the search began."""

@@ -10,19 +10,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.discrepancy.model.least_squares import (
-    LeastSquaresModel,
-    split_parameters,
+from tactile_dynamics_ros.core.discrepancy.model.least_squares import LeastSquaresModel
+from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
+    Condition,
+    Family,
+    ParameterTable,
+    Residuals,
 )
-from tactile_dynamics_ros.core.discrepancy.model.residual_model import Condition, Family, Residuals
+from tactile_dynamics_ros.core.discrepancy.screening import screen
 from tactile_dynamics_ros.core.discrepancy.structure import noise_floors, periodogram
+from tactile_dynamics_ros.core.discrepancy.trials import try_effect
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
-from tactile_dynamics_ros.core.joints.arm import Arm
+from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.joints.drive_effects import TorqueRipple
 from tactile_dynamics_ros.core.joints.effects import JointEffect, ReadingGroup
 from tactile_dynamics_ros.core.joints.noise import whitener
 from tactile_dynamics_ros.core.joints.prior import SHARES, USUAL_SHARE, BodyPrior
-from tactile_dynamics_ros.core.joints.registry import JOINTS, joint_effect
+from tactile_dynamics_ros.core.joints.registry import JOINTS
 from tactile_dynamics_ros.core.joints.samples import JointSamples
 from tactile_dynamics_ros.core.joints.situation import Situation
 from tactile_dynamics_ros.core.numerics.banded import BandedWhitener
@@ -39,6 +43,11 @@ _ROUNDS = 4
 """Rounds of fit and noise: the floors of a residual settle to 1 % in three."""
 _LEAST_NOISE = 1e-6
 """Noise of a mean torque at least, N m: data without any noise stay finite."""
+_FEW = 12
+"""Readings of an effect that a message lists: those of all joints and of each one."""
+_CHANCE = 2.0
+"""Standard deviations by which a parameter may be beyond what is possible: noise moves one of zero
+so far in 2 % of recordings."""
 _SHORT = 8.0
 """Length of a recording, s, below which "nothing is missing" means nothing: joints have turned back
 only a few times by then."""
@@ -109,31 +118,36 @@ class JointsModel(LeastSquaresModel[JointEffect]):
         Raises:
             BadInputError: an effect is unknown.
         """
-        arm, n = samples.arm, len(samples.arm.names)
-        chosen = tuple(joint_effect(label, arm.names) for label in effects)
         JOINTS.create_all([label.partition(":")[0] for label in effects])
-        prior = BodyPrior.of(arm)
-        situation = Situation(samples, arm.inertia, np.zeros((3, n)))
+        prior, n = BodyPrior.of(samples.arm), len(samples.arm.names)
+        situation = Situation(samples, samples.arm.inertia, np.zeros((3, n)))
         effort_std = np.maximum(samples.effort_std, _LEAST_NOISE)
         whitening = _whitener(samples, effort_std, situation)
         basis = _basis(samples, prior, share or USUAL_SHARE, whitening)
-        parts = np.zeros(basis.columns.shape[1])
-        theta = tuple(np.zeros(len(effect.parameters())) for effect in chosen)
-        model = cls(
-            samples,
-            basis,
-            parts,
-            chosen,
-            theta,
-            JOINTS.names(),
-            effort_std,
-            whitening,
-            situation,
-        ).refined()
-        share = share or _likeliest_share(model, prior)
-        basis = _basis(samples, prior, share, model.whitening)
-        parts = np.zeros(basis.columns.shape[1])
-        return replace(model, basis=basis, parts=parts).refined()
+        parts, names = np.zeros(basis.columns.shape[1]), JOINTS.names()
+        model = cls(samples, basis, parts, (), (), names, effort_std, whitening, situation)
+        model = model.refined()._with_labels(effects)
+        basis = _basis(samples, prior, share or _likeliest_share(model, prior), model.whitening)
+        return replace(model, basis=basis, parts=np.zeros(basis.columns.shape[1])).refined()
+
+    def _with_labels(self, labels: Sequence[str]) -> JointsModel:
+        """The model with effects, each in the reading that is named or fits best.
+
+        Raises:
+            BadInputError: an effect has no such reading here.
+        """
+        model = self
+        for label in labels:
+            if "[" in label:
+                raise BadInputError(f"effect '{label}': no regimes here; leave the regime out")
+            name, _, reading = label.partition(":")
+            families = model.families_of(name)
+            own = [f for f in families if not reading or f.label == label]
+            if not own:
+                known = ", ".join(dict.fromkeys(f.label for f in families[:_FEW]))
+                raise BadInputError(f"effect '{label}': no such reading; expected {known} ...")
+            model = try_effect(model, screen(model, own), name, 1.0).model.refined()
+        return model
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -282,12 +296,33 @@ class JointsModel(LeastSquaresModel[JointEffect]):
     def effect_named(self, name: str) -> JointEffect:
         """An effect of the catalogue, or the reading of it that the model has."""
         own = next((effect for effect in self.effects if effect.name == name), None)
-        return own or joint_effect(name, self.joints)
+        return own or JOINTS.create(name)
+
+    def is_possible(self, name: str) -> bool:
+        """Whether all parameters of an effect are within their bounds, or chance from them."""
+        table = super().parameters()[name]
+        return all(
+            p.allows(entry["value"] + sign * _CHANCE * entry["std"])
+            for p, entry in zip(self.effect_named(name).parameters(), table.values(), strict=True)
+            for sign in (1.0 if entry["value"] < p.least else -1.0,)
+            if not p.allows(entry["value"])
+        )
+
+    def parameters(self) -> ParameterTable:
+        """Friction of each joint and effects; shapes as they are, in place of logarithms."""
+        table = super().parameters()
+        for effect in self.effects:
+            scales = effect.scales()
+            table[effect.name] = {
+                scales[key][0] if key in scales else key: _plain(entry, scales.get(key))
+                for key, entry in table[effect.name].items()
+            }
+        return table
 
     def sentence(self, name: str) -> str:
         """What an effect does, and on which joints."""
         effect = self.effect_named(name)
-        where = effect.where(self.joints)
+        where = effect.where(self.joints) if effect in self.effects else ""
         return f"{effect.sentence} ({where})" if where else effect.sentence
 
     def refined(self) -> JointsModel:
@@ -305,9 +340,8 @@ class JointsModel(LeastSquaresModel[JointEffect]):
 
     def families_of(self, name: str) -> list[Family]:
         """Families of all readings of an effect; those of one group share columns."""
-        effect = joint_effect(name, self.joints) if name != "joint_coupling" else JOINTS.create(name)
-        groups = self._groups(effect)
-        found = []
+        effect = JOINTS.create(name)
+        groups, found = self._groups(effect), []
         for group in groups:
             columns = self.whiten(group.columns.reshape(len(self.time), -1))
             alike = [len(reading.kept) for one in groups for reading in one.readings]
@@ -369,6 +403,14 @@ class JointsModel(LeastSquaresModel[JointEffect]):
     def plan_against(self, rivals: Sequence[JointsModel]) -> dict[str, Any] | None:
         """None: no motion is planned yet."""
         return None
+
+
+def _plain(entry: dict[str, Any], scale: tuple[str, float, str] | None) -> dict[str, Any]:
+    """A parameter's value; that of a logarithm as a number with its unit."""
+    if scale is None:
+        return entry
+    value = scale[1] * float(np.exp(entry["value"]))
+    return {"value": value, "std": value * float(entry["std"]), "unit": scale[2]}
 
 
 def _whitener(samples: JointSamples, effort_std: Array, situation: Situation) -> BandedWhitener:
@@ -441,7 +483,7 @@ def _likeliest_share(model: JointsModel, prior: BodyPrior) -> float:
         scaled = total * np.outer(scale, scale)
         determinant = float(np.linalg.slogdet(scaled)[1]) - 2.0 * float(np.sum(np.log(scale)))
         fall = float((side * scale) @ np.linalg.solve(scaled, side * scale))
-        prior_part = -20.0 * 0.0 + 2.0 * len(prior.links) * float(np.log(share))
-        return -fall / model.dispersion + determinant + prior_part
+        of_prior = 2.0 * len(prior.links) * float(np.log(share))
+        return -fall / model.dispersion + determinant + of_prior
 
     return min(SHARES, key=minus_twice_log)

@@ -16,10 +16,10 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
 
 Array = NDArray[np.float64]
 
-SHARES = (0.02, 0.05, 0.1, 0.2, 0.4)
+SHARES = (0.1, 0.2, 0.4)
 """How far the bodies of a URDF may be off, as a relative std, from which the recording chooses:
-files made from CAD are within 10 %, those guessed from the outside within 40 %. Lower than 2 % no
-arm is: cables and grease are in no file."""
+files made from CAD are within 10 %, those guessed from the outside within 40 %. Lower ones would be
+chosen where something else is missing, and then hold what bodies cannot explain against effects."""
 USUAL_SHARE = 0.1
 """The share that is taken until a recording says otherwise."""
 _LOAD_SHARE = 0.3

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from tactile_dynamics_ros.core.effects.catalogue import CatalogueEntry, entry_of
 from tactile_dynamics_ros.core.effects.registry import EffectRegistry
-from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.joints.effects import JointEffect
 
 JOINT_EFFECT_NAMES = (
@@ -37,22 +34,6 @@ JOINTS: EffectRegistry[JointEffect] = EffectRegistry(
     ),
 )
 """Effects of an arm's joints, drives and torque sensors."""
-
-
-def joint_effect(label: str, names: Sequence[str] = ()) -> JointEffect:
-    """Effect of a name, ``name:joint_2+joint_3``; all joints without a reading.
-
-    Args:
-        label: as in `--effects`.
-        names: of the arm's joints.
-
-    Raises:
-        BadInputError: the name is unknown, has no such reading, or is given a regime.
-    """
-    if "[" in label:
-        raise BadInputError(f"effect '{label}': no regimes in model joints; leave the regime out")
-    name, _, reading = label.partition(":")
-    return JOINTS.create(name).read(reading, names)
 
 
 def describe_joint_effect(name: str) -> CatalogueEntry:

@@ -187,7 +187,7 @@ class JointSamples:
         return np.stack([self.arm.torque(m, parameters) for m in self.motions], axis=1)
 
     def within(self, at_nodes: Array, at: Array) -> Array:
-        """Values (K, P, n) at places in halves of a block, by a parabola through (K, 3, n)."""
+        """Values (K, P, n) at places in a block, by a parabola through those at `_NODES`."""
         a = _NODES[2]
         weights = np.stack(
             [at * (at - a) / (2.0 * a**2), 1.0 - (at / a) ** 2, at * (at + a) / (2.0 * a**2)]
@@ -196,9 +196,9 @@ class JointSamples:
 
     @cached_property
     def places(self) -> Array:
-        """(B,) places of the samples in a block, in halves of its length."""
+        """(B,) places of the samples in a block, in units in which `_NODES` are."""
         count = self.t.shape[1]
-        return (2.0 * np.arange(count) - (count - 1)) / max(count - 1, 1)
+        return (2.0 * np.arange(count) - (count - 1)) / np.sqrt(count**2 - 1.0)
 
     @cached_property
     def direction(self) -> Array:

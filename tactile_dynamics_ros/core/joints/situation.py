@@ -12,9 +12,6 @@ from tactile_dynamics_ros.core.joints.samples import JointSamples
 
 Array = NDArray[np.float64]
 
-_ENDS = np.array([-1.0, 1.0])
-"""Places of the ends of a block, in halves of its length; fixed by what an end is."""
-
 
 @dataclass(frozen=True, eq=False)
 class Situation:
@@ -54,13 +51,13 @@ class Situation:
         """(K, n) mean torque of each block."""
         return np.asarray((self.load + self.rubbing).mean(axis=1) + self.friction[2])
 
-    @cached_property
-    def total_rate(self) -> Array:
-        """(K, n) rise of the torque over each block, over its length, N m/s."""
-        ends = self.samples.within(self.rigid, _ENDS)
-        rubbing = self.rubbing[:, [0, -1]]
-        step = (ends + rubbing)[:, 1] - (ends + rubbing)[:, 0]
-        return np.asarray(step / self.samples.length)
+    def shifted(self, delay: float) -> Array:
+        """(K, n) change of the mean torque of each block where torques are late by a delay, s."""
+        samples = self.samples
+        time, values = samples.t.reshape(-1), (self.load + self.rubbing)
+        flat = values.reshape(len(time), -1)
+        late = np.stack([np.interp(time - delay, time, one) for one in flat.T], axis=1)
+        return np.asarray((late - flat).reshape(values.shape).mean(axis=1))
 
     @cached_property
     def wound_up(self) -> Array:

@@ -135,8 +135,12 @@ def backlash(drives: Drives) -> None:
 
 def joint_elasticity(drives: Drives) -> None:
     """Encoders sit on the motors; links lag behind as gears wind up."""
-    compliance = drives.around(1.2e-4)
-    drives.seen += compliance * drives.dynamics.torque
+    compliance = drives.around(4e-4)
+    wound = compliance * drives.dynamics.torque
+    drives.seen += wound
+    motor = drives.dq + np.gradient(wound, drives.time, axis=0)
+    drives.torque += drives.coulomb * (np.sign(motor) - np.sign(drives.dq))
+    drives.torque += drives.viscous * (motor - drives.dq)
     drives.truth = {"compliance": compliance}
 
 
