@@ -58,34 +58,46 @@ def _pose(element: ElementTree.Element | None) -> tuple[Array, Array]:
     return _numbers(element, "xyz"), turn
 
 
+_FLANGES = ("flange", "tool0", "link8")
+"""Ends of the names of links in whose frame makers tell payloads."""
+
+
 def read_links(urdf: str, count: int) -> tuple[list[SimulatedLink], tuple[Array, Array]]:
-    """Return the first joints that turn, from the root on, and the pose of what ends the chain.
+    """Return the first joints that move, and the pose of the flange in the last of them.
+
+    All that comes behind, such as a hand, is fixed to the last one, its joints at zero.
 
     Args:
         urdf: text.
         count: of joints.
     """
     root = ElementTree.fromstring(urdf)
-    bodies = {link.get("name"): link.find("inertial") for link in root.findall("link")}
-    joints = root.findall("joint")
-    children = {joint.find("child").get("link") for joint in joints}  # type: ignore[union-attr]
-    at = next(name for name in bodies if name not in children)
-    place, turn = np.zeros(3), np.eye(3)
+    bodies = {str(link.get("name")): link.find("inertial") for link in root.findall("link")}
+    below: dict[str, list[tuple[str, ElementTree.Element]]] = {}
+    for joint in root.findall("joint"):
+        parent, child = joint.find("parent"), joint.find("child")
+        assert parent is not None and child is not None
+        entry = (str(child.get("link")), joint)
+        below.setdefault(str(parent.get("link")), []).append(entry)
+    children = {name for entries in below.values() for name, _ in entries}
     links: list[SimulatedLink] = []
-    while True:
-        beyond = [j for j in joints if j.find("parent").get("link") == at]  # type: ignore[union-attr]
-        joint = next(iter(beyond), None)
-        if joint is None or (joint.get("type") != "fixed" and len(links) == count):
-            return links, (place, turn)
-        shift, rotation = _pose(joint.find("origin"))
-        place, turn = place + turn @ shift, turn @ rotation
-        at = joint.find("child").get("link")  # type: ignore[union-attr,assignment]
-        if joint.get("type") == "fixed":
-            if links and bodies[at] is not None:
-                links[-1] = _with_fixed(links[-1], bodies[at], place, turn)
-            continue
-        links.append(_link(joint, bodies[at], place, turn))
-        place, turn = np.zeros(3), np.eye(3)
+    end = (np.zeros(3), np.eye(3))
+    waiting = [(next(n for n in bodies if n not in children), np.zeros(3), np.eye(3))]
+    while waiting:
+        at, place, turn = waiting.pop()
+        if at.endswith(_FLANGES):
+            end = (place, turn)
+        for name, joint in reversed(below.get(at, [])):
+            shift, rotation = _pose(joint.find("origin"))
+            where, way = place + turn @ shift, turn @ rotation
+            if joint.get("type") != "fixed" and len(links) < count:
+                links.append(_link(joint, bodies[name], where, way))
+                waiting.append((name, np.zeros(3), np.eye(3)))
+                continue
+            if links and bodies[name] is not None:
+                links[-1] = _with_fixed(links[-1], bodies[name], where, way)
+            waiting.append((name, where, way))
+    return links, end
 
 
 def _body(inertial: ElementTree.Element | None) -> tuple[float, Array, Array]:
