@@ -63,9 +63,11 @@ class EstimateOfJoints(ReportedResult):
         """
         from tactile_dynamics_ros.recording.joints import JointRecording
 
-        empty = without
-        if isinstance(without, str | Path):
-            empty = JointRecording.read(without, recording.streams.urdf)
+        empty = None
+        if isinstance(without, JointRecording):
+            empty = without
+        elif without is not None:
+            empty = JointRecording.read(without, known=recording.streams.urdf)
         question = question_joints(recording, effects, empty)
         found = JointsEstimate(question.model, recording.streams, empty is not None)
         return cls(recording, found)
@@ -100,7 +102,9 @@ class EstimateOfJoints(ReportedResult):
 
     def lines(self) -> list[str]:
         """Return the estimate for people."""
-        table = align_rows([("", "value", "± std", "unit"), *self.body_rows(), *self._effect_rows()])
+        table = align_rows(
+            [("", "value", "± std", "unit"), *self.body_rows(), *self._effect_rows()]
+        )
         starred = ["* undetermined by this recording"] if self.undetermined else []
         fits = f"error {self.found.error:.2f} times the noise that the torques show"
         frame = f"payload in the frame of {self.found.payload.flange}"

@@ -17,8 +17,8 @@ from tactile_dynamics_ros.core.progress import tell
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.effects.effect import Effect
     from tactile_dynamics_ros.core.friction.discrepancy_model import FrictionModel
-    from tactile_dynamics_ros.core.joints.model import JointsModel
     from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
+    from tactile_dynamics_ros.core.joints.model import JointsModel
     from tactile_dynamics_ros.core.planar.diagnosis.discrepancy_model import PushDiscrepancy
     from tactile_dynamics_ros.core.planar.properties.linked_fit import PairFit
     from tactile_dynamics_ros.core.planar.properties.push_model import PushFit

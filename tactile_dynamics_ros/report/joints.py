@@ -33,9 +33,7 @@ def draw_torques(residuals: Residuals, measured: Array) -> Figure:
     for k, axes in enumerate(rows):
         time = residuals.time[::step]
         axes.plot(time, measured[::step, k], color=BLUE, linewidth=0.8, label="measured")
-        axes.plot(
-            time, residuals.physical[::step, k], color=ORANGE, linewidth=0.8, label="error"
-        )
+        axes.plot(time, residuals.physical[::step, k], color=ORANGE, linewidth=0.8, label="error")
         axes.set_title(f"{residuals.channels[k]}, {residuals.units[k]}", fontsize="small")
     rows[0].legend(loc="upper right")
     rows[-1].set_xlabel("time, s")

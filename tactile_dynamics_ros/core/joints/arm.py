@@ -127,7 +127,9 @@ class Arm:
         """Move all links.
 
         Args:
-            q: (N, n) rad or m. dq: (N, n) per s. ddq: (N, n) per s^2.
+            q: (N, n) rad or m.
+            dq: (N, n) per s.
+            ddq: (N, n) per s^2.
             gravity: (3,) or (N, 3) in the base, m/s^2.
         """
         count = len(q)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,7 +57,7 @@ class FrictionWarming(JointEffect):
     def _column(self, situation: Situation, after: float) -> Array:
         samples = situation.samples
         cold = np.exp(-samples.t / after)[..., None]
-        return np.mean(cold * situation.rubbing, axis=1)
+        return np.asarray(np.mean(cold * situation.rubbing, axis=1))
 
     def torque(self, situation: Situation, theta: Array) -> Array:
         """Excess of friction."""
@@ -67,7 +66,8 @@ class FrictionWarming(JointEffect):
     def jacobian(self, situation: Situation, theta: Array) -> Array:
         """By the share, and by differences along the time constant."""
         more, less = (
-            self._column(situation, self.after * np.exp(theta[1] + step)) for step in (_STEP, -_STEP)
+            self._column(situation, self.after * np.exp(theta[1] + step))
+            for step in (_STEP, -_STEP)
         )
         middle = self._column(situation, self.after * np.exp(theta[1]))
         return np.stack([middle, theta[0] * (more - less) / (2.0 * _STEP)], axis=2)
@@ -89,7 +89,6 @@ class FrictionWarming(JointEffect):
     def start(self, coefficients: Array) -> Array:
         """The share, and no change of the time constant."""
         return np.append(coefficients, 0.0)
-
 
 
 @JOINTS.register
@@ -183,7 +182,9 @@ class LinkCable(LinearJointEffect):
         """The force in the axes of the base."""
         at = f"_{self.names[-1 if self.link is None else self.link]}" if self.names else ""
         return tuple(
-            EffectParameter(f"F{at}_{axis}", "N", 20.0, f"force on the link in the base, {axis}", 5.0)
+            EffectParameter(
+                f"F{at}_{axis}", "N", 20.0, f"force on the link in the base, {axis}", 5.0
+            )
             for axis in "xyz"
         )
 

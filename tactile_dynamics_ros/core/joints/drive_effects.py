@@ -41,7 +41,7 @@ class StribeckFriction(PerJointEffect):
         """Mean of the law over each block."""
         samples = situation.samples
         slow = np.exp(-((samples.dq[:, :, joint] / shape) ** 2))
-        return np.mean(slow * samples.direction[:, :, joint], axis=1)[:, None]
+        return np.asarray(np.mean(slow * samples.direction[:, :, joint], axis=1)[:, None])
 
 
 @JOINTS.register
@@ -60,7 +60,7 @@ class LoadDependentFriction(PerJointEffect):
     def column(self, situation: Situation, joint: int, shape: float) -> Array:
         """Mean of |load| times direction over each block."""
         load = np.abs(situation.load[:, :, joint])
-        return np.mean(load * situation.samples.direction[:, :, joint], axis=1)[:, None]
+        return np.asarray(np.mean(load * situation.samples.direction[:, :, joint], axis=1)[:, None])
 
 
 @JOINTS.register
@@ -80,7 +80,7 @@ class DirectionalFriction(PerJointEffect):
 
     def column(self, situation: Situation, joint: int, shape: float) -> Array:
         """Mean of |speed| over each block."""
-        return np.mean(np.abs(situation.samples.dq[:, :, joint]), axis=1)[:, None]
+        return np.asarray(np.mean(np.abs(situation.samples.dq[:, :, joint]), axis=1)[:, None])
 
 
 @JOINTS.register
@@ -100,7 +100,7 @@ class RotorInertia(PerJointEffect):
 
     def column(self, situation: Situation, joint: int, shape: float) -> Array:
         """Mean acceleration of each block."""
-        return situation.samples.ddq[:, :, joint].mean(axis=1)[:, None]
+        return np.asarray(situation.samples.ddq[:, :, joint].mean(axis=1)[:, None])
 
 
 @JOINTS.register
@@ -158,7 +158,7 @@ class Backlash(PerJointEffect):
         """Mean over each block."""
         samples = situation.samples
         missing = np.maximum(1.0 - samples.since_reversal[:, :, joint] / shape, 0.0)
-        return -np.mean(missing * np.sign(samples.dq[:, :, joint]), axis=1)[:, None]
+        return np.asarray(-np.mean(missing * np.sign(samples.dq[:, :, joint]), axis=1)[:, None])
 
 
 @JOINTS.register
@@ -177,7 +177,7 @@ class TorqueDrift(PerJointEffect):
     def column(self, situation: Situation, joint: int, shape: float) -> Array:
         """Time from the middle of the recording."""
         time = situation.samples.time
-        return (time - 0.5 * (time[0] + time[-1]))[:, None]
+        return np.asarray((time - 0.5 * (time[0] + time[-1]))[:, None])
 
 
 @JOINTS.register
@@ -247,4 +247,5 @@ def _waves(samples: JointSamples, joint: int) -> Array:
     for k, times in enumerate(_RIPPLES):
         found[k] = np.cos(times * q).mean(axis=1), np.sin(times * q).mean(axis=1)
     found -= found.mean(axis=2, keepdims=True)
-    return found / np.maximum(np.sqrt((found**2).sum(axis=(1, 2), keepdims=True)), 1e-9)
+    size = np.sqrt((found**2).sum(axis=(1, 2), keepdims=True))
+    return np.asarray(found / np.maximum(size, 1e-9))

@@ -50,9 +50,7 @@ class KnownArm:
         bodies[-1] -= payload
         left = np.sqrt(np.mean(model.residuals().physical ** 2, axis=0))
         pairs = tuple(zip(model.effects, model.theta, strict=True))
-        return cls(
-            model.joints, bodies, payload, model.friction, model.effort_std, left, pairs
-        )
+        return cls(model.joints, bodies, payload, model.friction, model.effort_std, left, pairs)
 
     @property
     def loaded(self) -> Array:
@@ -91,13 +89,16 @@ class KnownArm:
             )
         try:
             effects = tuple(_effect(entry) for entry in document["effects"])
-            arrays = (
+            bodies, payload, friction, noise, std = (
                 np.array(document[name], dtype=float)
                 for name in ("bodies", "payload", "friction", "noise", "std")
             )
-            return cls(tuple(document["joints"]), *arrays, effects)
+            names = tuple(str(name) for name in document["joints"])
+            return cls(names, bodies, payload, friction, noise, std, effects)
         except (KeyError, TypeError, ValueError) as error:
-            raise BadInputError(f"{source}: the model of the arm cannot be read ({error})") from error
+            raise BadInputError(
+                f"{source}: the model of the arm cannot be read ({error})"
+            ) from error
 
 
 def _effect(entry: Mapping[str, Any]) -> tuple[JointEffect, Array]:

@@ -146,7 +146,9 @@ class JointsModel(LeastSquaresModel[JointEffect]):
             if not own:
                 known = ", ".join(dict.fromkeys(f.label for f in families[:_FEW]))
                 raise BadInputError(f"effect '{label}': no such reading; expected {known} ...")
-            model = try_effect(model, screen(model, own), name, 1.0).model.refined()
+            tried = try_effect(model, screen(model, own), name, 1.0).model
+            assert isinstance(tried, JointsModel)
+            model = tried.refined()
         return model
 
     @property
@@ -333,9 +335,7 @@ class JointsModel(LeastSquaresModel[JointEffect]):
             situation = Situation(fitted.samples, fitted.link_bodies, fitted.friction)
             effort_std = _seen_noise(fitted)
             whitening = _whitener(fitted.samples, effort_std, situation)
-            model = replace(
-                fitted, situation=situation, effort_std=effort_std, whitening=whitening
-            )
+            model = replace(fitted, situation=situation, effort_std=effort_std, whitening=whitening)
         return model.fitted_from(model.effects, model.theta)
 
     def families_of(self, name: str) -> list[Family]:

@@ -112,31 +112,53 @@ class JointSamples:
                 f"joints: {len(starts)} blocks of {count * period:.2f} s without a gap; expected "
                 f"{_FEWEST_BLOCKS} at least: record some seconds of motion"
             )
-        length = count * period
+        return cls.of_blocks(arm, (time, position, effort), starts, count, period)
+
+    @classmethod
+    def of_blocks(
+        cls,
+        arm: Arm,
+        signals: tuple[Array, Array, Array],
+        starts: NDArray[np.intp],
+        count: int,
+        period: float,
+    ) -> JointSamples:
+        """Blocks that begin at known samples, each between two others.
+
+        Args:
+            arm: whose joints these are.
+            signals: stamps (N,) s, positions (N, n) and torques (N, n).
+            starts: (K,) first sample of each block.
+            count: samples of a block.
+            period: of the samples, s.
+        """
+        time, position, effort = signals
+        length, n = count * period, len(arm.names)
         inside = starts[:, None] + np.arange(count)
         around = starts[:, None] + np.arange(-count, 2 * count)
         middle = time[inside].mean(axis=1)
         found = _polynomials(time[around] - middle[:, None], position[around], 1.5 * length)
-        offsets = time[inside] - middle[:, None]
-        half = 0.5 * length * np.sqrt(1.0 - 1.0 / count**2)
-        even = (np.arange(-count, 2 * count) - 0.5 * (count - 1)) * period
+        half = 0.5 * length * float(np.sqrt(1.0 - 1.0 / count**2))
+        even = np.asarray((np.arange(-count, 2 * count) - 0.5 * (count - 1)) * period)
         lags, speed_std = _noise_of_motion(even, count, 1.5 * length)
         white = [white_noise_std(time, one[:, None]) for one in (*effort.T, *position.T)]
-        n = len(arm.names)
+        q, dq, ddq = _evaluate(found, time[inside] - middle[:, None], 1.5 * length)
         return cls(
-            arm,
-            middle - time[0],
-            length,
-            time[inside] - time[0],
-            *_evaluate(found, offsets, 1.5 * length),
-            _evaluate(found, np.tile(half * _NODES, (len(middle), 1)), 1.5 * length),
-            effort[inside].mean(axis=1),
-            np.array(white[:n]) / np.sqrt(count),
-            np.array(white[n:]),
-            lags,
-            np.diff(starts) == count,
-            speed_std,
-            np.ones(len(middle), dtype=bool),
+            arm=arm,
+            time=middle - time[0],
+            length=length,
+            t=time[inside] - time[0],
+            q=q,
+            dq=dq,
+            ddq=ddq,
+            nodes=_evaluate(found, np.tile(half * _NODES, (len(middle), 1)), 1.5 * length),
+            effort=effort[inside].mean(axis=1),
+            effort_std=np.array(white[:n]) / np.sqrt(count),
+            position_std=np.array(white[n:]),
+            lags=lags,
+            follows=np.diff(starts) == count,
+            speed_std=speed_std,
+            loaded=np.ones(len(middle), dtype=bool),
         )
 
     @classmethod
@@ -156,15 +178,19 @@ class JointSamples:
             )
         starts = np.cumsum([0.0, *(p.time[-1] + _PAUSE for p in parts[:-1])])
         follows = [np.append(p.follows, False) for p in parts]
-        joined = {
-            name: np.concatenate([getattr(p, name) for p in parts])
-            for name in ("q", "dq", "ddq", "effort", "loaded")
-        }
+
+        def joined(name: str) -> Array:
+            return np.concatenate([getattr(p, name) for p in parts])
+
         return replace(
             first,
-            **joined,
             time=np.concatenate([p.time + s for p, s in zip(parts, starts, strict=True)]),
             t=np.concatenate([p.t + s for p, s in zip(parts, starts, strict=True)]),
+            q=joined("q"),
+            dq=joined("dq"),
+            ddq=joined("ddq"),
+            effort=joined("effort"),
+            loaded=np.concatenate([p.loaded for p in parts]),
             nodes=np.concatenate([p.nodes for p in parts], axis=1),
             follows=np.concatenate(follows)[:-1],
             effort_std=np.sqrt(np.mean([p.effort_std**2 for p in parts], axis=0)),
@@ -198,18 +224,18 @@ class JointSamples:
     def places(self) -> Array:
         """(B,) places of the samples in a block, in units in which `_NODES` are."""
         count = self.t.shape[1]
-        return (2.0 * np.arange(count) - (count - 1)) / np.sqrt(count**2 - 1.0)
+        return np.asarray((2.0 * np.arange(count) - (count - 1)) / np.sqrt(count**2 - 1.0))
 
     @cached_property
     def direction(self) -> Array:
         """(K, B, n) sign of the speed; it fades to zero at standstill."""
         least = np.maximum(_STILL * self.speed_std * self.position_std, _LEAST_SPEED)
-        return np.tanh(self.dq / least)
+        return np.asarray(np.tanh(self.dq / least))
 
     @cached_property
     def turning(self) -> Array:
         """(K, n) share of each block in which a joint turns back or stands: 0 where it moves on."""
-        return 1.0 - np.abs(self.direction.mean(axis=1))
+        return np.asarray(1.0 - np.abs(self.direction.mean(axis=1)))
 
     @cached_property
     def since_reversal(self) -> Array:
@@ -258,7 +284,7 @@ def _evaluate(coefficients: Array, offsets: Array, scale: float) -> Array:
 
 
 def _noise_of_motion(even: Array, count: int, scale: float) -> tuple[Array, float]:
-    """Covariances (3,) of mean accelerations of blocks apart, and std of a speed, for unit noise."""
+    """Covariances (3,) of mean accelerations of blocks, std of a speed, for unit noise."""
     weights = _polynomials(even[None], np.eye(len(even))[None], scale)
     inside = even[None, count : 2 * count]
     _, speed, rate = _evaluate(weights, inside, scale)[:, 0].mean(axis=1)

@@ -90,9 +90,7 @@ class Situation:
     def pull_on(self, link: int) -> Array:
         """(K, n, 3) torques that the drives need where a force of 1 N pulls on a link's origin."""
         motion = self.samples.motions[1]
-        felt = np.swapaxes(motion.twists[link][:, 3:], 1, 2) @ np.swapaxes(
-            motion.turns[link], 1, 2
-        )
+        felt = np.swapaxes(motion.twists[link][:, 3:], 1, 2) @ np.swapaxes(motion.turns[link], 1, 2)
         return np.asarray(-felt)
 
 
@@ -100,7 +98,5 @@ def _rate(values: Array, samples: JointSamples) -> Array:
     """Central differences (K, n) of blocks that follow each other; zero beside gaps."""
     found = np.zeros_like(values)
     inner = samples.follows[1:] & samples.follows[:-1]
-    found[1:-1] = np.where(
-        inner[:, None], (values[2:] - values[:-2]) / (2.0 * samples.length), 0.0
-    )
+    found[1:-1] = np.where(inner[:, None], (values[2:] - values[:-2]) / (2.0 * samples.length), 0.0)
     return found

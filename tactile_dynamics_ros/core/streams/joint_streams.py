@@ -40,7 +40,9 @@ class JointStreams:
         shape = (len(self.time), len(self.names))
         for what, array in (("position", self.position), ("effort", self.effort)):
             if array.shape != shape:
-                raise BadInputError(f"{what}: shape {array.shape}; expected {shape}, as time and names")
+                raise BadInputError(
+                    f"{what}: shape {array.shape}; expected {shape}, as time and names"
+                )
 
     @property
     def duration(self) -> float:

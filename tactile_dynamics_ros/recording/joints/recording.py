@@ -81,12 +81,15 @@ class JointRecording:
         return f"{type(self).__name__}({self.source}: {self.duration:.1f} s, joints {names})"
 
     @classmethod
-    def read(cls, path: str | Path, urdf: str | Path | None = None) -> JointRecording:
+    def read(
+        cls, path: str | Path, urdf: str | Path | None = None, known: str = ""
+    ) -> JointRecording:
         """Read a bag, or a table.
 
         Args:
             path: rosbag2 directory, .mcap, .db3, ROS 1 .bag, or a table (.csv).
             urdf: of the arm; `/robot_description` of the bag if None.
+            known: text of a URDF that is taken where there is neither.
 
         Raises:
             BadInputError: it cannot be read, has no torques, or there is no URDF.
@@ -94,11 +97,14 @@ class JointRecording:
         file = Path(path)
         text = None if urdf is None else read_text(Path(urdf), "a URDF")
         if file.suffix in TABLES:
-            if text is None:
-                raise BadInputError(f"{path}: a table has no URDF; give that of the arm: --urdf FILE")
+            text = text or known
+            if not text:
+                raise BadInputError(
+                    f"{path}: a table has no URDF; give that of the arm: --urdf FILE"
+                )
             return cls._from_table(file, text)
-        text = text or urdf_text(ROBOT_DESCRIPTION, file.parent, file, required=False)
-        if text is None:
+        text = text or urdf_text(ROBOT_DESCRIPTION, file.parent, file, required=False) or known
+        if not text:
             raise BadInputError(
                 f"{path}: no {ROBOT_DESCRIPTION} recorded; give the URDF of the arm: --urdf FILE"
             )
@@ -149,7 +155,7 @@ class JointRecording:
         )
         new = np.append(True, np.diff(time) > 0.0)
         streams = JointStreams(tuple(known), time[new] - time[0], position[new], effort[new], urdf)
-        problems = {line: 1 for line in table.problems}
+        problems = dict.fromkeys(table.problems, 1)
         return cls(streams, str(path), problems, round(float(time[0]) * 1e9))
 
     @property

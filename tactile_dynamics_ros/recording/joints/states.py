@@ -120,7 +120,9 @@ def decode_states(raw: Sequence[bytes], received: Sequence[int]) -> States | Non
     names = max(found, key=lambda key: (len(key), sum(map(len, found[key]))))
     table = np.concatenate(found[names])
     left += sum(len(part) for key, parts in found.items() if key != names for part in parts)
-    problems = Counter({"joint states without effort, or of other joints (left out)": left} if left else {})
+    problems = Counter(
+        {"joint states without effort, or of other joints (left out)": left} if left else {}
+    )
     return _sorted(names, table, problems)
 
 
@@ -155,7 +157,8 @@ def encode_states(
     Args:
         names: of the joints.
         stamps: (N,) ns.
-        position: (N, n). effort: (N, n).
+        position: (N, n).
+        effort: (N, n).
     """
     store = get_typestore(Stores.ROS2_JAZZY)
     types: Any = store.types
@@ -175,6 +178,8 @@ def encode_states(
     block = np.tile(np.frombuffer(pattern, np.uint8), (len(stamps), 1))
     parts = np.column_stack([stamps // NANOSECONDS, stamps % NANOSECONDS]).astype("<u4")
     block[:, _STAMP:_FRAME] = parts.view(np.uint8)
-    for (at, count), values in zip((layout.places[0], layout.places[2]), (position, effort), strict=True):
+    for (at, count), values in zip(
+        (layout.places[0], layout.places[2]), (position, effort), strict=True
+    ):
         block[:, at : at + 8 * count] = np.ascontiguousarray(values, "<f8").view(np.uint8)
     return [row.tobytes() for row in block]

@@ -165,7 +165,9 @@ def inverse_dynamics(
 
     Args:
         links: base first.
-        q: (N, n) rad. dq: (N, n) rad/s. ddq: (N, n) rad/s^2.
+        q: (N, n) rad.
+        dq: (N, n) rad/s.
+        ddq: (N, n) rad/s^2.
         gravity: (3,) m/s^2.
     """
     count, n = q.shape
