@@ -16,7 +16,7 @@ from tactile_dynamics_ros.core.joints.situation import Situation
 
 Array = NDArray[np.float64]
 
-_STEP = 1e-4
+_STEP = 1e-5
 """Step of central differences along the logarithm of a shape; their error is its square."""
 _SHAPE_STD = 0.7
 """Prior std of the logarithm of a shape about where its search began: a factor of two. Grids of

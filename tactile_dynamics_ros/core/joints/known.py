@@ -30,7 +30,7 @@ class KnownArm:
         payload: (10,) in the last link's frame.
         friction: (3, n) Coulomb friction, viscous friction, offset.
         noise: (n,) noise of a block's mean torque, N m.
-        std: (n,) std of the model's torques, N m: what remained beyond the noise.
+        std: (n,) RMS error of the model's torques, N m, with their noise.
         effects: with their parameters.
     """
 

@@ -21,9 +21,10 @@ Array = NDArray[np.float64]
 WITH_HISTORY = ("backlash", "friction_warming", "torque_delay", "torque_drift")
 """Effects that depend on what happened before the last tenth of a second: a live model leaves them
 out and says so."""
-_WEAK = 0.05
+_WEAK = 0.003
 """Smallest singular value of the flange's Jacobian, m (or without a unit for turns), from which a
-wrench is told: below, the arm is next to a singular pose, where torques say nothing of a force."""
+wrench is told: below, the arm is next to a singular pose, where a newton changes no torque by more
+than 3 mN m. Above, the standard deviations of the wrench say which directions are weak."""
 _STUCK = 0.5
 """Share of a block without motion from which a joint stands: friction may then be anything up to
 its Coulomb friction, in either direction."""
@@ -136,7 +137,7 @@ class JointMonitor:
                 predicted = predicted + effect.torque(situation, theta)
         external = (predicted - samples.effort)[0]
         standing = samples.turning[0] > _STUCK
-        std = np.sqrt(known.std**2 + known.noise**2 + (standing * known.friction[0]) ** 2)
+        std = np.hypot(known.std, standing * known.friction[0])
         wrench, wrench_std, weakest = _at_flange(samples, external, std)
         doubts = []
         if weakest < _WEAK:
