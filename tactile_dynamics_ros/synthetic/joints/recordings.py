@@ -64,6 +64,7 @@ class JointOptions:
         effort_noise: std of a torque's white noise as a share of a joint's friction.
         position_noise: of the encoders, rad.
         repeat: number of the repetition of the same motion; noise differs.
+        motion: number of the motion of the same arm.
         joints: that move, from the base on.
     """
 
@@ -73,6 +74,7 @@ class JointOptions:
     effort_noise: float = 0.1
     position_noise: float = 1e-5
     repeat: int = 0
+    motion: int = 0
     joints: int = 7
 
 
@@ -125,7 +127,7 @@ def generate(
     if options.payload is not None:
         links[-1] = _loaded(links[-1], end, options.payload)
     time = np.arange(round(options.duration * options.rate_hz)) / options.rate_hz
-    q, dq, ddq = _motion(links, time, stream(seed, "motion"))
+    q, dq, ddq = _motion(links, time, stream(seed, "motion", str(options.motion)))
     drives = _drives(links, (time, q, dq, ddq), seed)
     hidden: dict[str, Any] = {}
     chosen = dict(effects or {})
@@ -133,7 +135,7 @@ def generate(
         drives.magnitude, drives.random = chosen[name], stream(seed, "effect", name)
         {**CATALOGUE, **OUTSIDE}[name](drives)
         hidden[name] = {"magnitude": chosen[name], **drives.truth}
-    random = stream(seed, "noise", str(options.repeat))
+    random = stream(seed, "noise", str(options.motion), str(options.repeat))
     noise = options.effort_noise * drives.size * random.normal(size=q.shape)
     position = drives.seen + options.position_noise * random.normal(size=q.shape)
     names = tuple(link.name for link in links)
