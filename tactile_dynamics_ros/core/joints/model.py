@@ -18,7 +18,6 @@ from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
     Residuals,
 )
 from tactile_dynamics_ros.core.discrepancy.screening import screen
-from tactile_dynamics_ros.core.discrepancy.structure import noise_floors, periodogram
 from tactile_dynamics_ros.core.discrepancy.trials import try_effect
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.errors import BadInputError
@@ -30,6 +29,7 @@ from tactile_dynamics_ros.core.joints.registry import JOINTS
 from tactile_dynamics_ros.core.joints.samples import JointSamples
 from tactile_dynamics_ros.core.joints.situation import Situation
 from tactile_dynamics_ros.core.numerics.banded import BandedWhitener
+from tactile_dynamics_ros.core.numerics.noise import white_noise_std
 
 Array = NDArray[np.float64]
 
@@ -419,14 +419,16 @@ def _whitener(samples: JointSamples, effort_std: Array, situation: Situation) ->
 
 
 def _seen_noise(model: JointsModel) -> Array:
-    """(n,) noise of torques at which the spectrum of each joint's residual has a floor of 1.
+    """(n,) noise of torques at which what changes from block to block has a variance of 1.
 
-    Errors that follow the motion lie at few frequencies; the median of the spectrum is noise.
+    What the model misses follows the motion or jumps at reversals: differences of high order and
+    their median see little of it, whatever it is, so that models with more effects are held against
+    the same noise.
     """
     white = model.residual.reshape(-1, len(model.joints))
-    floors = noise_floors(periodogram(model.samples.time, white))
+    seen = np.array([white_noise_std(model.samples.time, one[:, None]) for one in white.T])
     least = np.maximum(0.5 * model.samples.effort_std, _LEAST_NOISE)
-    return np.maximum(model.effort_std * floors, least)
+    return np.maximum(model.effort_std * seen, least)
 
 
 def _all_columns(samples: JointSamples) -> tuple[Array, Array]:
