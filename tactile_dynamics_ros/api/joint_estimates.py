@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,9 +12,9 @@ from tactile_dynamics_ros.api.questions import Question, question_joints
 from tactile_dynamics_ros.api.result import ReportedResult, Rows, align_rows
 from tactile_dynamics_ros.core.errors import NotIdentifiableError, refuse_existing
 from tactile_dynamics_ros.core.files import written_whole
-from tactile_dynamics_ros.core.joints.estimate import JointsEstimate
+from tactile_dynamics_ros.core.joints.conventions import in_common_units
+from tactile_dynamics_ros.core.joints.estimate import NAMES, JointsEstimate
 from tactile_dynamics_ros.core.joints.known import KnownArm
-from tactile_dynamics_ros.core.joints.payload import NAMES
 from tactile_dynamics_ros.report.numbers import UPPER, with_uncertainty
 
 if TYPE_CHECKING:
@@ -48,6 +48,7 @@ class EstimateOfJoints(ReportedResult):
         recording: JointRecording,
         effects: Sequence[str] = (),
         without: JointRecording | str | Path | None = None,
+        known_load: float | None = None,
     ) -> EstimateOfJoints:
         """Estimate.
 
@@ -55,6 +56,7 @@ class EstimateOfJoints(ReportedResult):
             recording: with the payload, if any.
             effects: names, with readings.
             without: the same arm without the payload, or the path of that recording.
+            known_load: mass of the payload, kg, if it was weighed.
 
         Raises:
             BadInputError: an effect is unknown, a path cannot be read, or the URDF is of another
@@ -68,7 +70,10 @@ class EstimateOfJoints(ReportedResult):
             empty = without
         elif without is not None:
             empty = JointRecording.read(without, known=recording.streams.urdf)
-        question = question_joints(recording, effects, empty)
+        if empty is not None:
+            loaded, bare = in_common_units(recording.streams, empty.streams)
+            recording, empty = replace(recording, streams=loaded), replace(empty, streams=bare)
+        question = question_joints(recording, effects, empty, known_load)
         found = JointsEstimate(question.model, recording.streams, empty is not None)
         return cls(recording, found)
 

@@ -164,6 +164,7 @@ def question_joints(
     recording: JointRecording,
     names: Sequence[str] = (),
     without: JointRecording | None = None,
+    known_load: float | None = None,
 ) -> Question:
     """Fit links, payload and friction of an arm, with the named effects, to its joint torques.
 
@@ -171,6 +172,7 @@ def question_joints(
         recording: what was measured.
         names: of the effects of the model.
         without: the same arm without the payload.
+        known_load: mass of the payload, kg, if it was weighed.
 
     Raises:
         BadInputError: an effect is unknown, or the URDF is of another arm.
@@ -179,7 +181,8 @@ def question_joints(
     tell("fitting links, friction and payload")
     from tactile_dynamics_ros.core.joints.estimate import fit
 
-    model = fit(recording.streams, names, None if without is None else without.streams)
+    empty = None if without is None else without.streams
+    model = fit(recording.streams, names, empty, known_load=known_load)
     return Question(model, recording.source, lambda: _joints_error(model), recording=recording)
 
 

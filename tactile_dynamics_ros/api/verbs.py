@@ -231,6 +231,7 @@ def estimate(
     effects: Effects = (),
     *,
     without: JointRecording | str | Path | None = None,
+    known_load: float | None = None,
 ) -> EstimateOfJoints: ...
 
 
@@ -244,6 +245,7 @@ def estimate(
     wrist: Recording | str | Path | None = None,
     hand: str | Path | None = None,
     without: JointRecording | str | Path | None = None,
+    known_load: float | None = None,
 ) -> Estimate | EstimateOfPushes | EstimateOfJoints: ...
 
 
@@ -256,6 +258,7 @@ def estimate(
     wrist: Recording | str | Path | None = None,
     hand: str | Path | None = None,
     without: JointRecording | str | Path | None = None,
+    known_load: float | None = None,
 ) -> Estimate | EstimateOfPushes | EstimateOfJoints:
     """Estimate a held object, a pushed one, or payload and friction of an arm by its torques.
 
@@ -269,6 +272,7 @@ def estimate(
             the bag, with the default robot.
         hand: file of `Estimate.save` of the hand alone, from such a recording without an object.
         without: of an arm by its torques: the recording without the payload, or its path.
+        known_load: likewise: the payload's mass, kg, if it was weighed; tells gains of drives.
 
     Raises:
         BadInputError: a path cannot be read, contacts and motion do not overlap, an effect is
@@ -282,9 +286,9 @@ def estimate(
             raise BadInputError("tool, wrist, hand, prior: not for an arm by its torques")
         from tactile_dynamics_ros.api.joint_estimates import EstimateOfJoints
 
-        return EstimateOfJoints.of(recorded, names_of(effects), without)
-    if without is not None:
-        raise BadInputError("without: for an arm by its joint torques; leave it out")
+        return EstimateOfJoints.of(recorded, names_of(effects), without, known_load)
+    if without is not None or known_load is not None:
+        raise BadInputError("without, known_load: for an arm by its joint torques; leave them out")
     if isinstance(recorded, PushedRecording):
         if tool or wrist or hand:
             raise BadInputError("tool, wrist, hand: not for an object on a support; leave them out")

@@ -71,7 +71,7 @@ def _entries(model: str, name: str | None) -> list[CatalogueEntry]:
     from tactile_dynamics_ros.core.effects.catalogue import describe_effect
     from tactile_dynamics_ros.core.effects.registry import HELD
     from tactile_dynamics_ros.core.friction.effects import FRICTION, describe_friction_effect
-    from tactile_dynamics_ros.core.joints.registry import JOINTS, describe_joint_effect
+    from tactile_dynamics_ros.core.joints.effects import JOINTS, describe_joint_effect
     from tactile_dynamics_ros.core.planar.effects.registry import PUSHED, describe_pushed_effect
 
     registries: dict[str, EffectRegistry[Any]] = {

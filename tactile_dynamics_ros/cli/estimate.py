@@ -18,7 +18,7 @@ from tactile_dynamics_ros.cli.recordings import (
     read_recording,
 )
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.options import file_to_write, folder_to_write
+from tactile_dynamics_ros.core.options import POSITIVE, file_to_write, folder_to_write
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.api.estimates import Estimate
@@ -77,6 +77,12 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         "cancels friction and what the arm's model misses",
     )
     parser.add_argument(
+        "--known-load",
+        type=POSITIVE,
+        metavar="KG",
+        help="likewise: the payload was weighed; tells the gains of drives that report currents",
+    )
+    parser.add_argument(
         "--save",
         type=file_to_write,
         metavar="FILE",
@@ -101,8 +107,8 @@ def run(args: Namespace) -> int:
         return _estimate_joints(args)
     from tactile_dynamics_ros.api.verbs import estimate
 
-    if args.without:
-        raise BadInputError("--without: for an arm by its joint torques; leave it out")
+    if args.without or args.known_load:
+        raise BadInputError("--without, --known-load: for an arm by its joint torques")
     known = {"tool": args.tool, "prior": args.prior}
     if args.carried:
         found = estimate(_read_wrist(args), read_effects(args), **known)
@@ -152,8 +158,9 @@ def _estimate_joints(args: Namespace) -> int:
 
     if args.prior:
         raise BadInputError("--prior: not for an arm by its joint torques; leave it out")
-    recording = read_joint_torques(args)
-    return _told(args, estimate(recording, pushed_effects(args), without=args.without))
+    recording, beside = read_joint_torques(args), {"without": args.without}
+    found = estimate(recording, pushed_effects(args), **beside, known_load=args.known_load)
+    return _told(args, found)
 
 
 def _told(

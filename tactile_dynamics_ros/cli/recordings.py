@@ -212,14 +212,20 @@ def read_joint_torques(args: Namespace) -> JointRecording:
 
     asked = [name for name in _HELD_ONLY if getattr(args, name, None)]
     asked = [name for name in asked if name not in ("urdf", "robot")]
-    asked += ["assume"] * bool(getattr(args, "assume", None))
     if asked:
         raise BadInputError(f"--{asked[0]}: not for an arm by its joint torques; leave it out")
     bags = [args.bag] if isinstance(args.bag, str) else args.bag
     recording = read_joints(bags, args.urdf or getattr(args, "robot", None))
     for line in recording.problem_lines():
         print(f"note: {line}", file=sys.stderr)
-    return recording.between(*args.between) if args.between else recording
+    recording = recording.between(*args.between) if args.between else recording
+    for name in getattr(args, "assume", []):
+        from tactile_dynamics_ros.core.joints.conventions import assumed
+
+        streams, reading = assumed(recording.streams, name)
+        print(f"note: read as {name}: {reading.change}", file=sys.stderr)
+        recording = replace(recording, streams=streams)
+    return recording
 
 
 def pushed_effects(args: Namespace) -> list[str]:

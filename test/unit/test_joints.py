@@ -14,10 +14,11 @@ from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.discrepancy.model.check import check_residual_model
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.joints.arm import Arm
+from tactile_dynamics_ros.core.joints.conventions import assumed, in_common_units
+from tactile_dynamics_ros.core.joints.effects import JOINT_EFFECT_NAMES
 from tactile_dynamics_ros.core.joints.estimate import estimate, fit
 from tactile_dynamics_ros.core.joints.known import KnownArm
 from tactile_dynamics_ros.core.joints.live import JointMonitor
-from tactile_dynamics_ros.core.joints.registry import JOINT_EFFECT_NAMES
 from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.recording.joints import JointRecording
 from tactile_dynamics_ros.recording.kinds import recorded_kind
@@ -219,7 +220,7 @@ def test_the_command_makes_names_and_prints(tmp_path, capsys):
 def test_a_saved_model_reads_back(fitted):
     known = KnownArm.of(fit_with(fitted, "stribeck_friction"))
     again = KnownArm.from_document(json.loads(json.dumps(known.to_document())), "file")
-    np.testing.assert_array_equal(again.loaded, known.loaded)
+    np.testing.assert_array_equal(again.bodies, known.bodies)
     assert again.effects[0][0] == known.effects[0][0]
     with pytest.raises(BadInputError, match="estimate --save"):
         KnownArm.from_document({"model": "held"}, "file")
@@ -229,3 +230,47 @@ def fit_with(model, name):
     """The same model with one more effect."""
     family = model.families([name])[1]
     return model.with_effect(family, np.zeros(len(family.kept)))
+
+
+CURRENTS = np.array([0.08, 0.085, 0.1, 0.095, 0.2, 0.22, 0.3])
+"""Amperes per N m of each drive."""
+LAST_TWO = np.array([1.0, 1.0, 1.0, -1.0, 1.0, 1.0, -1.0])
+
+
+@pytest.mark.parametrize(
+    ("factors", "name", "words"),
+    [
+        (-np.ones(7), "torque_sign", "all joints"),
+        (LAST_TWO, "torque_sign", "lbr_iiwa_joint_4, lbr_iiwa_joint_7"),
+        (1e3 * np.ones(7), "torque_unit", "N mm"),
+        (CURRENTS, "drive_units", "currents"),
+    ],
+)
+def test_torques_that_mean_something_else_are_a_convention(factors, name, words):
+    load = Payload.draw(2.5, 3)
+    made = generate(IIWA, 31, {}, JointOptions(duration=15.0, payload=load))
+    found = diagnose(fit(made.streams.scaled(factors)))
+    assert found.verdict == "convention" and found.convention.name == name
+    assert words in found.convention.change
+    assert found.after.rms < 1.1
+    streams, _ = assumed(made.streams.scaled(factors), name)
+    assert diagnose(fit(streams)).verdict == "adequate"
+
+
+def test_a_weighed_load_tells_the_gains_of_drives_that_report_currents():
+    load = Payload.draw(2.5, 3)
+    full = generate(IIWA, 31, {}, JointOptions(duration=15.0, payload=load)).streams
+    empty = generate(IIWA, 31, {}, JointOptions(duration=15.0, repeat=1)).streams
+    read, _ = assumed(full.scaled(CURRENTS), "drive_units")
+    both = in_common_units(read, empty.scaled(CURRENTS))
+    by_urdf, weighed = (estimate(both[0], (), both[1], known_load=m) for m in (None, 2.5))
+    away = (by_urdf.payload.body.mass - 2.5) / by_urdf.payload.std[0]
+    assert abs(away) < 3.0 and by_urdf.payload.std[0] > 0.01, "no better than the URDF's masses"
+    np.testing.assert_allclose(weighed.payload.body.com, load.com, atol=1e-3)
+    gains = weighed.table["torque_gain"].values()
+    assert all(entry["std"] < 0.02 for entry in gains)
+
+
+def test_degrees_are_refused(clean):
+    with pytest.raises(BadInputError, match="degrees"):
+        fit(replace(clean.streams, position=np.rad2deg(clean.streams.position)))

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.joints.effects import (
+    JOINTS,
     JointEffect,
     JointReading,
     LinearJointEffect,
     ReadingGroup,
 )
-from tactile_dynamics_ros.core.joints.registry import JOINTS
 from tactile_dynamics_ros.core.joints.situation import Situation
 
 Array = NDArray[np.float64]

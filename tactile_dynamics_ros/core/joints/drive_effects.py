@@ -10,8 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
-from tactile_dynamics_ros.core.joints.effects import JointReading, PerJointEffect, ReadingGroup
-from tactile_dynamics_ros.core.joints.registry import JOINTS
+from tactile_dynamics_ros.core.joints.effects import (
+    JOINTS,
+    JointReading,
+    PerJointEffect,
+    ReadingGroup,
+)
 from tactile_dynamics_ros.core.joints.samples import JointSamples
 from tactile_dynamics_ros.core.joints.situation import Situation
 
@@ -137,7 +141,7 @@ class JointElasticity(PerJointEffect):
 
     def jacobian(self, situation: Situation, theta: Array) -> Array:
         """Derivative of all torques by each joint's compliance."""
-        return situation.wound_up[:, :, list(self._own)]
+        return situation.wound_up[:, :, list(self.which)]
 
     def _columns(self, situation: Situation, shape: float) -> Array:
         return situation.wound_up

@@ -1,4 +1,4 @@
-"""What a joint's model may lack: the base of all effects, and those of single joints."""
+"""What a joint's model may lack: the base of all effects, those of single joints, all by name."""
 
 from __future__ import annotations
 
@@ -6,18 +6,23 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.effects.catalogue import CatalogueEntry, entry_of
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
+from tactile_dynamics_ros.core.effects.registry import EffectRegistry
 from tactile_dynamics_ros.core.joints.situation import Situation
 
 Array = NDArray[np.float64]
 
 _STEP = 1e-5
 """Step of central differences along the logarithm of a shape; their error is its square."""
+_CHANCE = 2.0
+"""Standard deviations by which a parameter may be beyond what is possible: noise moves one of zero
+so far in 2 % of recordings."""
 _SHAPE_STD = 0.7
 """Prior std of the logarithm of a shape about where its search began: a factor of two. Grids of
 shapes have steps of about two, so that one end of a step is no less likely than its middle."""
@@ -165,7 +170,8 @@ class PerJointEffect(JointEffect):
         return f"{self.name}:{'+'.join(self.named[j] for j in self.joints)}"
 
     @property
-    def _own(self) -> tuple[int, ...]:
+    def which(self) -> tuple[int, ...]:
+        """Numbers of the joints that have it."""
         return tuple(range(len(self.named) or 1)) if self.joints is None else self.joints
 
     @property
@@ -179,7 +185,7 @@ class PerJointEffect(JointEffect):
     def parameters(self) -> tuple[EffectParameter, ...]:
         """Amplitudes of each joint, and the logarithm of its shape over where it began."""
         found = []
-        for j in self._own:
+        for j in self.which:
             end = f"_{self.named[j]}" if self.named else ""
             found += [replace(p, name=p.name + end) for p in self.amplitudes]
             if self.shape is not None:
@@ -199,7 +205,7 @@ class PerJointEffect(JointEffect):
         """The shape of each joint."""
         if self.shape is None:
             return {}
-        ends = [f"_{self.named[j]}" if self.named else "" for j in self._own]
+        ends = [f"_{self.named[j]}" if self.named else "" for j in self.which]
         name, unit = self.shape.name, self.shape.unit
         return {
             f"ln_{name}{end}": (f"{name}{end}", self._shape_of(place), unit)
@@ -210,7 +216,7 @@ class PerJointEffect(JointEffect):
         """Joint, amplitudes, shape and its start for each joint that has it."""
         each, count = self._each, len(self.amplitudes)
         found = []
-        for place, j in enumerate(self._own):
+        for place, j in enumerate(self.which):
             own = theta[place * each : (place + 1) * each]
             first = self._shape_of(place) if self.grid else 0.0
             bend = float(own[count]) if self.shape is not None else 0.0
@@ -227,7 +233,7 @@ class PerJointEffect(JointEffect):
     def jacobian(self, situation: Situation, theta: Array) -> Array:
         """Columns of the amplitudes; differences along the shape."""
         each, count = self._each, len(self.amplitudes)
-        found = np.zeros((*situation.samples.effort.shape, each * len(self._own)))
+        found = np.zeros((*situation.samples.effort.shape, each * len(self.which)))
         for place, (j, own, shape, _) in enumerate(self._parts(theta)):
             at = place * each
             found[:, j, at : at + count] = self.column(situation, j, shape)
@@ -273,7 +279,7 @@ class PerJointEffect(JointEffect):
         """Amplitudes as in the columns, shapes where the search began."""
         if self.shape is None:
             return coefficients
-        rows = coefficients.reshape(len(self._own), -1)
+        rows = coefficients.reshape(len(self.which), -1)
         return np.hstack([rows, np.zeros((len(rows), 1))]).reshape(-1)
 
     def where(self, names: Sequence[str]) -> str:
@@ -281,3 +287,60 @@ class PerJointEffect(JointEffect):
         if self.joints is None or len(self.joints) == len(names):
             return ""
         return " and ".join(names[j] for j in self.joints)
+
+
+JOINT_EFFECT_NAMES = (
+    "stribeck_friction",
+    "load_dependent_friction",
+    "friction_warming",
+    "directional_friction",
+    "rotor_inertia",
+    "joint_elasticity",
+    "backlash",
+    "joint_coupling",
+    "link_cable",
+    "base_tilt",
+    "torque_drift",
+    "torque_gain",
+    "torque_ripple",
+    "torque_delay",
+)
+"""Names of the effects of joints in the order in which people see them; they are API. Coulomb and
+viscous friction and a torque's offset are no effects: every model of a joint has them."""
+
+JOINTS: EffectRegistry[JointEffect] = EffectRegistry(
+    "joints",
+    JOINT_EFFECT_NAMES,
+    (
+        "tactile_dynamics_ros.core.joints.drive_effects",
+        "tactile_dynamics_ros.core.joints.arm_effects",
+    ),
+)
+"""Effects of an arm's joints, drives and torque sensors."""
+
+
+def describe_joint_effect(name: str) -> CatalogueEntry:
+    """Entry of an effect in the catalogue."""
+    effect = JOINTS.create(name)
+    return entry_of(effect, JOINTS.model, effect.parameters(), (name,))
+
+
+def in_units(entry: dict[str, Any], scale: tuple[str, float, str] | None) -> dict[str, Any]:
+    """A parameter's value; that of a logarithm as a number with its unit."""
+    if scale is None:
+        return entry
+    value = scale[1] * float(np.exp(entry["value"]))
+    return {"value": value, "std": value * float(entry["std"]), "unit": scale[2]}
+
+
+def are_allowed(parameters: Sequence[EffectParameter], entries: Sequence[dict[str, Any]]) -> bool:
+    """Whether all values are within the bounds of their parameters, or chance from them.
+
+    Args:
+        parameters: with bounds.
+        entries: value and std of each.
+    """
+    return all(
+        abs(e["value"] - np.clip(e["value"], p.least, p.most)) <= _CHANCE * e["std"]
+        for p, e in zip(parameters, entries, strict=True)
+    )

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.joints.effects import JointEffect
+from tactile_dynamics_ros.core.joints.effects import JOINTS, JointEffect
 from tactile_dynamics_ros.core.joints.model import JointsModel
-from tactile_dynamics_ros.core.joints.registry import JOINTS
 
 Array = NDArray[np.float64]
 
@@ -45,19 +44,17 @@ class KnownArm:
     @classmethod
     def of(cls, model: JointsModel) -> KnownArm:
         """Of a fitted model."""
-        payload = model.samples.arm.to_last_link @ model.bodies[-10:]
-        bodies = model.link_bodies.copy()
-        bodies[-1] -= payload
         left = np.sqrt(np.mean(model.residuals().physical ** 2, axis=0))
         pairs = tuple(zip(model.effects, model.theta, strict=True))
-        return cls(model.joints, bodies, payload, model.friction, model.effort_std, left, pairs)
-
-    @property
-    def loaded(self) -> Array:
-        """(n, 10) links with the payload in the last."""
-        found = self.bodies.copy()
-        found[-1] += self.payload
-        return found
+        return cls(
+            model.joints,
+            model.link_bodies,
+            model.payload,
+            model.friction,
+            model.effort_std,
+            left,
+            pairs,
+        )
 
     def to_document(self) -> dict[str, Any]:
         """Plain numbers."""

@@ -130,7 +130,7 @@ class JointMonitor:
 
     def _told(self, samples: JointSamples, time: float) -> ExternalTorque:
         known = self.known
-        situation = Situation(samples, known.loaded, known.friction)
+        situation = Situation(samples, known.bodies, known.payload, known.friction)
         predicted = situation.total
         for effect, theta in known.effects:
             if effect.name not in WITH_HISTORY:

@@ -68,6 +68,7 @@ class JointSamples:
         follows: (K - 1,) whether a block follows the one before at once.
         speed_std: standard deviation of a speed for unit noise of positions.
         loaded: (K,) whether the arm carried the payload then.
+        gains_known: whether torques are N m; if not, by a factor for each joint.
     """
 
     arm: Arm
@@ -85,6 +86,7 @@ class JointSamples:
     follows: NDArray[np.bool_]
     speed_std: float
     loaded: NDArray[np.bool_]
+    gains_known: bool = True
 
     @classmethod
     def from_streams(cls, streams: JointStreams, arm: Arm) -> JointSamples:
@@ -112,7 +114,8 @@ class JointSamples:
                 f"joints: {len(starts)} blocks of {count * period:.2f} s without a gap; expected "
                 f"{_FEWEST_BLOCKS} at least: record some seconds of motion"
             )
-        return cls.of_blocks(arm, (time, position, effort), starts, count, period)
+        found = cls.of_blocks(arm, (time, position, effort), starts, count, period)
+        return replace(found, gains_known=streams.gains is None)
 
     @classmethod
     def of_blocks(
@@ -193,9 +196,21 @@ class JointSamples:
             loaded=np.concatenate([p.loaded for p in parts]),
             nodes=np.concatenate([p.nodes for p in parts], axis=1),
             follows=np.concatenate(follows)[:-1],
+            gains_known=all(p.gains_known for p in parts),
             effort_std=np.sqrt(np.mean([p.effort_std**2 for p in parts], axis=0)),
             position_std=np.sqrt(np.mean([p.position_std**2 for p in parts], axis=0)),
         )
+
+    def scaled(self, factors: Array) -> JointSamples:
+        """Torques times a factor for each joint (n,)."""
+        return replace(
+            self, effort=self.effort * factors, effort_std=self.effort_std * np.abs(factors)
+        )
+
+    @property
+    def middle(self) -> Array:
+        """(3, K, n) position, speed and acceleration in the middle of each block."""
+        return self.nodes[:, :, 1]
 
     @cached_property
     def motions(self) -> list[Motion]:
@@ -207,10 +222,6 @@ class JointSamples:
         """(K, n, 10 n) of the mean torque of each block."""
         parts = [self.arm.regressor(motion) for motion in self.motions]
         return np.asarray(sum(s * p for s, p in zip(_NODE_SHARES, parts, strict=True)))
-
-    def torque(self, parameters: Array) -> Array:
-        """(K, 3, n) torques of rigid bodies (n, 10) at the three places of a block."""
-        return np.stack([self.arm.torque(m, parameters) for m in self.motions], axis=1)
 
     def within(self, at_nodes: Array, at: Array) -> Array:
         """Values (K, P, n) at places in a block, by a parabola through those at `_NODES`."""

@@ -8,6 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.discrepancy.model.residual_model import Condition
+from tactile_dynamics_ros.core.joints.arm import Motion
 from tactile_dynamics_ros.core.joints.samples import JointSamples
 
 Array = NDArray[np.float64]
@@ -22,18 +24,27 @@ class Situation:
 
     Attributes:
         samples: the motion.
-        bodies: (n, 10) dynamic parameters of the links, a payload in the last.
+        bodies: (n, 10) dynamic parameters of the links.
+        payload: (10,) of the payload in the last link's frame, carried where samples are loaded.
         friction: (3, n) Coulomb friction, viscous friction and offset of each joint.
     """
 
     samples: JointSamples
     bodies: Array
+    payload: Array
     friction: Array
 
     @cached_property
     def rigid(self) -> Array:
         """(K, 3, n) torques of the rigid bodies at three places of each block."""
-        return self.samples.torque(self.bodies)
+        return np.stack([self._torque(motion) for motion in self.samples.motions], axis=1)
+
+    def _torque(self, motion: Motion) -> Array:
+        """(K, n) torques of links, and of the payload where it is carried."""
+        arm, loaded = self.samples.arm, self.samples.loaded[:, None]
+        last = np.zeros_like(self.bodies)
+        last[-1] = self.payload
+        return arm.torque(motion, self.bodies) + loaded * arm.torque(motion, last)
 
     @cached_property
     def load(self) -> Array:
@@ -67,7 +78,7 @@ class Situation:
         of the inverse dynamics along the load of one joint and its two rates.
         """
         samples = self.samples
-        middle = samples.nodes[:, :, 1]
+        middle = samples.middle
         bend = self.rigid[:, 1]
         rate = _rate(bend, samples)
         way = np.stack([bend, rate, _rate(rate, samples)])
@@ -76,16 +87,15 @@ class Situation:
         for j in range(bend.shape[1]):
             moved = middle.copy()
             moved[:, :, j] -= step * way[:, :, j]
-            torque = samples.arm.torque(samples.arm.motion(*moved), self.bodies)
+            torque = self._torque(samples.arm.motion(*moved))
             found[:, :, j] = (torque - bend) / step
         return found
 
     def gravity_change(self, direction: Array) -> Array:
         """(K, n) torques that one more m/s^2 of gravity along a direction of the base makes."""
-        middle = self.samples.nodes[0][:, 1]
+        middle = self.samples.middle[0]
         still = np.zeros_like(middle)
-        motion = self.samples.arm.motion(middle, still, still, direction)
-        return self.samples.arm.torque(motion, self.bodies)
+        return self._torque(self.samples.arm.motion(middle, still, still, direction))
 
     def pull_on(self, link: int) -> Array:
         """(K, n, 3) torques that the drives need where a force of 1 N pulls on a link's origin."""
@@ -100,3 +110,14 @@ def _rate(values: Array, samples: JointSamples) -> Array:
     inner = samples.follows[1:] & samples.follows[:-1]
     found[1:-1] = np.where(inner[:, None], (values[2:] - values[:-2]) / (2.0 * samples.length), 0.0)
     return found
+
+
+def conditions_of(samples: JointSamples) -> tuple[Condition, ...]:
+    """What was going on: time; speed, velocity and position of each joint."""
+    q, dq, _ = samples.middle
+    found = [Condition("time", "s", samples.time, symbol="t")]
+    for j, name in enumerate(samples.arm.names):
+        found.append(Condition(f"speed of {name}", "rad/s", np.abs(dq[:, j])))
+        found.append(Condition(f"velocity of {name}", "rad/s", dq[:, j]))
+        found.append(Condition(f"position of {name}", "rad", q[:, j]))
+    return tuple(found)

@@ -23,6 +23,8 @@ class JointStreams:
         position: (N, n) rad, or m of joints that slide.
         effort: (N, n) torque of the drive, N m, or N: positive along the joint's axis.
         urdf: text of the arm's URDF.
+        gains: (n,) factors by which efforts in the drives' own units were taken as N m, which are
+            known as well as the URDF's masses; None where efforts are in N m.
     """
 
     names: tuple[str, ...]
@@ -30,6 +32,7 @@ class JointStreams:
     position: Array
     effort: Array
     urdf: str = ""
+    gains: Array | None = None
 
     def __post_init__(self) -> None:
         """Check the shapes.
@@ -59,6 +62,13 @@ class JointStreams:
             effort=self.effort[inside],
         )
 
+    def scaled(self, factors: Array, uncertain: bool = False) -> JointStreams:
+        """Efforts times a factor for each joint (n,), which may be uncertain."""
+        gains = self.gains
+        if uncertain:
+            gains = factors if gains is None else gains * factors
+        return replace(self, effort=self.effort * factors, gains=gains)
+
     def of(self, names: Sequence[str]) -> JointStreams:
         """Only these joints, in this order."""
         columns = [self.names.index(name) for name in names]
@@ -67,4 +77,5 @@ class JointStreams:
             names=tuple(names),
             position=self.position[:, columns],
             effort=self.effort[:, columns],
+            gains=None if self.gains is None else self.gains[columns],
         )
