@@ -322,7 +322,8 @@ JOINTS: EffectRegistry[JointEffect] = EffectRegistry(
 def describe_joint_effect(name: str) -> CatalogueEntry:
     """Entry of an effect in the catalogue."""
     effect = JOINTS.create(name)
-    return entry_of(effect, JOINTS.model, effect.parameters(), (name,))
+    entry = entry_of(effect, JOINTS.model, effect.parameters(), (name,))
+    return replace(entry, meaning=entry.meaning.partition("\n\nAttributes:")[0])
 
 
 def in_units(entry: dict[str, Any], scale: tuple[str, float, str] | None) -> dict[str, Any]:
