@@ -215,7 +215,8 @@ def read_joint_torques(args: Namespace) -> JointRecording:
     if asked:
         raise BadInputError(f"--{asked[0]}: not for an arm by its joint torques; leave it out")
     bags = [args.bag] if isinstance(args.bag, str) else args.bag
-    recording = read_joints(bags, args.urdf or getattr(args, "robot", None))
+    robot = args.robot if args.verb == "estimate" else None
+    recording = read_joints(bags, args.urdf or robot)
     for line in recording.problem_lines():
         print(f"note: {line}", file=sys.stderr)
     recording = recording.between(*args.between) if args.between else recording

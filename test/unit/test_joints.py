@@ -17,6 +17,7 @@ from tactile_dynamics_ros.core.joints.arm import Arm
 from tactile_dynamics_ros.core.joints.conventions import assumed, in_common_units
 from tactile_dynamics_ros.core.joints.effects import JOINT_EFFECT_NAMES
 from tactile_dynamics_ros.core.joints.estimate import estimate, fit
+from tactile_dynamics_ros.core.joints.excitation import JointLimits, design_motion
 from tactile_dynamics_ros.core.joints.known import KnownArm
 from tactile_dynamics_ros.core.joints.live import JointMonitor
 from tactile_dynamics_ros.core.robot.robot_file import load_robot
@@ -274,3 +275,26 @@ def test_a_weighed_load_tells_the_gains_of_drives_that_report_currents():
 def test_degrees_are_refused(clean):
     with pytest.raises(BadInputError, match="degrees"):
         fit(replace(clean.streams, position=np.rad2deg(clean.streams.position)))
+
+
+def test_a_designed_motion_keeps_its_limits_and_tells_what_is_not_known(clean, tmp_path, capsys):
+    arm = Arm.from_urdf(IIWA, clean.streams.names, "test")
+    limits = JointLimits(duration=10.0, floor=0.1)
+    motion = design_motion(arm, limits)
+    lower, upper = (np.array([getattr(j, end) for j in arm.joints]) for end in ("lower", "upper"))
+    assert np.all(motion.position >= lower) and np.all(motion.position <= upper)
+    speed = np.array([j.velocity for j in arm.joints])
+    assert np.abs(motion.velocity / speed).max() <= limits.pace + 1e-6
+    assert np.abs(motion.acceleration).max() <= limits.acceleration + 1e-6
+    np.testing.assert_allclose(motion.velocity[[0, -1]], 0.0, atol=1e-3)
+    numeric = np.gradient(motion.position, motion.time, axis=0)
+    np.testing.assert_allclose(numeric[5:-5], motion.velocity[5:-5], atol=0.02)
+    places = arm.motion(motion.position, *np.zeros((2, *motion.position.shape))).places
+    assert min(p[:, 2].min() for p in places[2:]) > limits.floor - 1e-2
+    known = design_motion(arm, limits, fit(clean.streams))
+    assert known.mass_std[1] <= known.mass_std[0] < motion.mass_std[0]
+    (tmp_path / "arm.urdf").write_text(IIWA)
+    asking = ["excite", "--urdf", str(tmp_path / "arm.urdf"), "--duration", "8", "--json"]
+    assert main(asking) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["points"][-1]["time_from_start"] == {"sec": 8, "nanosec": 0}

@@ -51,11 +51,13 @@ class Motion:
         twists: (n, N, 6, n) how each link moves, [w, v], per speed of each joint.
         wrenches: (n, N, 6, 10) regressor of the wrench that each link needs.
         turns: (n, N, 3, 3) each link's axes in the base.
+        places: (n, N, 3) each link's origin in the base, m.
     """
 
     twists: list[Array]
     wrenches: list[Array]
     turns: list[Array]
+    places: list[Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +158,7 @@ class Arm:
             twists.append(self._twist(k, axes, places, turn, place))
             wrenches.append(regressor(a, w, dw))
             turns.append(turn)
-        return Motion(twists, wrenches, turns)
+        return Motion(twists, wrenches, turns, places)
 
     def _twist(
         self, link: int, axes: Sequence[Array], places: Sequence[Array], turn: Array, place: Array
