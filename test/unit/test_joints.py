@@ -20,6 +20,7 @@ from tactile_dynamics_ros.core.joints.estimate import estimate, fit
 from tactile_dynamics_ros.core.joints.excitation import JointLimits, design_motion
 from tactile_dynamics_ros.core.joints.known import KnownArm
 from tactile_dynamics_ros.core.joints.live import JointMonitor
+from tactile_dynamics_ros.core.robot.kinematic_tree import read_tree
 from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.recording.joints import JointRecording
 from tactile_dynamics_ros.recording.kinds import recorded_kind
@@ -298,3 +299,13 @@ def test_a_designed_motion_keeps_its_limits_and_tells_what_is_not_known(clean, t
     assert main(asking) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["points"][-1]["time_from_start"] == {"sec": 8, "nanosec": 0}
+
+
+def test_a_hand_and_silent_joints_are_no_joints_of_the_arm(clean, fitted):
+    names = [joint.name for joint in read_tree(IIWA, "test") if joint.axis is not None]
+    assert Arm.from_urdf(IIWA, names, "test").names == clean.streams.names
+    quiet = clean.streams.effort.copy()
+    quiet[:, 6] = 0.0
+    assert fit(replace(clean.streams, effort=quiet)).joints == clean.streams.names[:6]
+    with pytest.raises(BadInputError, match="all efforts are constant"):
+        fit(replace(clean.streams, effort=0.0 * quiet))

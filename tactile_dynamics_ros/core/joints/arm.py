@@ -101,9 +101,7 @@ class Arm:
                 f"{what}: no joint of {', '.join(names)}; it moves {moving}: give the URDF of this "
                 "arm"
             )
-        chains = [chain(tree, root, joint.child) for joint in tree if joint.name in wanted]
-        longest = max(chains, key=lambda c: sum(joint.name in wanted for joint in c))
-        joints = tuple(joint for joint in longest if joint.name in wanted)
+        joints = _arm_joints(tree, root, wanted)
         owner, poses, origins = _fixed_to(tree, root, joints)
         inertia = _lumped(urdf, owner, poses, len(joints))
         last = [link for link, k in owner.items() if k == len(joints) - 1]
@@ -211,6 +209,21 @@ class Arm:
         last = motion.twists[-1]
         shifted = last[:, 3:] + cross(np.swapaxes(last[:, :3], 1, 2), place).swapaxes(1, 2)
         return np.concatenate([rotation.T @ last[:, :3], rotation.T @ shifted], axis=1)
+
+
+def _arm_joints(tree: Sequence[Joint], root: str, wanted: set[str]) -> tuple[Joint, ...]:
+    """Wanted joints of the longest chain, up to where several of them branch off: a hand."""
+    chains = [
+        tuple(step for step in chain(tree, root, joint.child) if step.name in wanted)
+        for joint in tree
+        if joint.name in wanted
+    ]
+    longest = max(chains, key=len)
+    for count in range(1, len(longest)):
+        next_ones = {c[count].name for c in chains if c[:count] == longest[:count] and c[count:]}
+        if len(next_ones) > 1:
+            return longest[:count]
+    return longest
 
 
 def _fixed_to(

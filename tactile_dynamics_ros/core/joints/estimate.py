@@ -222,7 +222,11 @@ def fit(
     """
     if not streams.urdf:
         raise BadInputError("joints: no URDF of the arm; give it by --urdf FILE")
-    arm = Arm.from_urdf(streams.urdf, streams.names, "the arm's URDF", flange)
+    active = np.ptp(streams.effort, axis=0) > 0.0
+    if not active.any():
+        raise BadInputError("joints: all efforts are constant; the driver reports no torques")
+    names = [name for name, one in zip(streams.names, active, strict=True) if one]
+    arm = Arm.from_urdf(streams.urdf, names, "the arm's URDF", flange)
     refuse_degrees(streams, arm)
     samples = JointSamples.from_streams(streams, arm)
     share = None
