@@ -113,17 +113,15 @@ def read_joints(paths: Sequence[str | Path], urdf: str | Path | None = None) -> 
     """Read the recording of an arm's joint torques.
 
     Args:
-        paths: of it: one.
+        paths: of it; several of one arm with the same payload are joined.
         urdf: of the arm; that in the bag if None.
 
     Raises:
-        BadInputError: it cannot be read, or several are given.
+        BadInputError: one cannot be read, or they are of different joints.
     """
     from tactile_dynamics_ros.recording.joints import JointRecording
 
-    if len(paths) > 1:
-        raise BadInputError(f"joints: {len(paths)} recordings; ask about one at a time")
-    return JointRecording.read(paths[0], urdf)
+    return JointRecording.join([JointRecording.read(path, urdf) for path in paths])
 
 
 def names_of(named: str | Sequence[str | Effect]) -> list[str]:

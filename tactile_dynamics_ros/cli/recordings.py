@@ -205,8 +205,8 @@ def read_joint_torques(args: Namespace) -> JointRecording:
     """Read the recording of an arm's joint torques; problems go to stderr, one line each.
 
     Raises:
-        BadInputError: it cannot be read, there is no URDF, several are given, or an option holds
-            for held objects only.
+        BadInputError: one cannot be read, there is no URDF, or an option holds for held objects
+            only.
     """
     from tactile_dynamics_ros.api.reading import read_joints
 

@@ -309,3 +309,15 @@ def test_a_hand_and_silent_joints_are_no_joints_of_the_arm(clean, fitted):
     assert fit(replace(clean.streams, effort=quiet)).joints == clean.streams.names[:6]
     with pytest.raises(BadInputError, match="all efforts are constant"):
         fit(replace(clean.streams, effort=0.0 * quiet))
+
+
+def test_two_recordings_of_one_arm_tell_more_than_one(clean):
+    other = generate(IIWA, 5, {}, JointOptions(duration=15.0, motion=1)).streams
+    one, two = JointRecording(clean.streams, "one"), JointRecording(other, "two")
+    both = fit(JointRecording.join([one, two]).streams)
+    alone = fit(clean.streams)
+    assert len(both.samples.time) > 1.9 * len(alone.samples.time)
+    assert diagnose(both).verdict == "adequate"
+    first = 3 * len(both.joints)
+    spread = [np.sqrt(np.diag(m.covariance)[:first]) for m in (both, alone)]
+    assert np.median(spread[0] / spread[1]) < 0.85

@@ -12,6 +12,9 @@ from tactile_dynamics_ros.core.errors import BadInputError
 
 Array = NDArray[np.float64]
 
+_PAUSE = 10.0
+"""Pause between recordings that are joined, s: nothing is derived across it."""
+
 
 @dataclass(frozen=True, eq=False)
 class JointStreams:
@@ -46,6 +49,25 @@ class JointStreams:
                 raise BadInputError(
                     f"{what}: shape {array.shape}; expected {shape}, as time and names"
                 )
+
+    @classmethod
+    def join(cls, parts: Sequence[JointStreams]) -> JointStreams:
+        """Several recordings of one arm, one after the other with a pause between them.
+
+        Raises:
+            BadInputError: they are of different joints.
+        """
+        names = parts[0].names
+        if any(set(part.names) != set(names) for part in parts):
+            raise BadInputError(f"joints: recordings of other joints than {', '.join(names)}")
+        own = [part.of(names) for part in parts]
+        starts = np.cumsum([0.0, *(part.duration + _PAUSE for part in own[:-1])])
+        return replace(
+            own[0],
+            time=np.concatenate([p.time - p.time[0] + s for p, s in zip(own, starts, strict=True)]),
+            position=np.concatenate([p.position for p in own]),
+            effort=np.concatenate([p.effort for p in own]),
+        )
 
     @property
     def duration(self) -> float:

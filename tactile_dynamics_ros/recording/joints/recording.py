@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -157,6 +158,22 @@ class JointRecording:
         streams = JointStreams(tuple(known), time[new] - time[0], position[new], effort[new], urdf)
         problems = dict.fromkeys(table.problems, 1)
         return cls(streams, str(path), problems, round(float(time[0]) * 1e9))
+
+    @classmethod
+    def join(cls, recordings: Sequence[JointRecording]) -> JointRecording:
+        """Several recordings of one arm with the same payload as one.
+
+        Raises:
+            BadInputError: they are of different joints.
+        """
+        if len(recordings) == 1:
+            return recordings[0]
+        problems: Counter[str] = Counter()
+        for recording in recordings:
+            problems.update(recording.problems)
+        streams = JointStreams.join([recording.streams for recording in recordings])
+        source = " + ".join(recording.source for recording in recordings)
+        return cls(streams, source, dict(problems), recordings[0].epoch_ns)
 
     @property
     def duration(self) -> float:
