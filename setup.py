@@ -12,6 +12,7 @@ NODES = (
     "friction_probe",
     "grasp_controller",
     "inertial_estimator",
+    "joint_monitor",
     "kinematic_tracker",
     "model_check",
     "payload_writer",

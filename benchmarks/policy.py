@@ -31,7 +31,7 @@ BESIDE = {
     names.OBJECT_FOOTPRINT: {"object/*/footprint"},
 }
 """What is used beside a topic if an object has several parts, and where tf2_msgs is installed."""
-ON_ITS_OWN = ("payload_writer", "weigher", "wrench_compensator")
+ON_ITS_OWN = ("joint_monitor", "payload_writer", "weigher", "wrench_compensator")
 """Nodes of no shipped configuration, which people start beside one."""
 SECRET = names.REVEAL
 """Service that tells the truth of a simulation: of use to demonstrations alone."""

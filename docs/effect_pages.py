@@ -12,9 +12,11 @@ from collections.abc import Sequence
 from itertools import groupby
 from pathlib import Path
 
+from matplotlib.figure import Figure
 from PIL import Image
 
 from docs.effect_signatures import ONE_FINGER, draw_signature
+from docs.joint_signatures import draw_joint_signature
 from tactile_dynamics_ros.core.effects import EFFECT_NAMES, create_effect
 from tactile_dynamics_ros.core.effects.catalogue import (
     CatalogueEntry,
@@ -28,6 +30,7 @@ from tactile_dynamics_ros.core.effects.formula.quantities import (
     SCALARS,
     VECTORS,
 )
+from tactile_dynamics_ros.core.joints.effects import JOINT_EFFECT_NAMES, describe_joint_effect
 from tactile_dynamics_ros.core.planar.effects.registry import (
     PUSHED_EFFECT_NAMES,
     describe_pushed_effect,
@@ -97,6 +100,24 @@ _TITLES_PUSHED = {
     "joint": "The joint of two parts",
     "environment": "Something else pulls or touches",
     "sensor": "Sensors of pushes err",
+}
+
+_JOINTS = """\
+## Effects of an arm's joints
+
+The torques of an arm's drives are those of its links and its payload, plus Coulomb friction,
+viscous friction and an offset of each joint; [joints.md](joints.md) has the model. An effect adds
+torques; zero parameters mean that it is absent. Most act on single joints: `name:joint_2`,
+`name:joint_2+joint_4`, or `name:all`; without a reading the one that fits best is taken. Parameters
+of an arm carry the names of its joints. `tactile-dynamics diagnose BAG --model joints` ranks all
+of them, `tactile-dynamics effects --model joints` prints the same.
+"""
+
+_TITLES_JOINTS = {
+    "friction": "Friction of the joints",
+    "drive": "Motors and gears",
+    "outside": "Gravity and cables",
+    "sensor": "Torques that err",
 }
 
 _OWN = """\
@@ -180,13 +201,20 @@ def write_effect_page(docs: Path) -> None:
     (docs / PICTURES).mkdir(parents=True, exist_ok=True)
     for name in EFFECT_NAMES:
         (docs / PICTURES / f"{name}.png").write_bytes(make_picture(name))
+    for name in JOINT_EFFECT_NAMES:
+        picture = _few_colours(draw_joint_signature(name))
+        (docs / PICTURES / f"joints_{name}.png").write_bytes(picture)
     (docs / PAGE).write_text(make_effect_page(), encoding="utf-8")
 
 
 def make_picture(name: str) -> bytes:
     """Return the picture of an effect as PNG of few colours."""
     with house_style():
-        png = to_png(draw_signature(name))
+        return _few_colours(draw_signature(name))
+
+
+def _few_colours(figure: Figure) -> bytes:
+    png = to_png(figure)
     small = Image.open(io.BytesIO(png)).convert("RGB").quantize(_COLOURS, dither=Image.Dither.NONE)
     buffer = io.BytesIO()
     small.save(buffer, format="png", optimize=True)
@@ -203,6 +231,7 @@ def make_effect_page() -> str:
         parts.append(f"## {_TITLES[family]}\n")
         parts += [_write_entry(entry) for entry in members]
     parts += _write_pushed()
+    parts += _write_joints()
     own = _OWN.replace("{quantities}", _write_quantities())
     parts.append(own.replace("{functions}", textwrap.fill(_code(FUNCTIONS), 98)))
     return "\n".join(parts)
@@ -220,16 +249,32 @@ def _write_pushed() -> list[str]:
     return parts
 
 
-def _write_pushed_entry(entry: CatalogueEntry) -> str:
+def _write_joints() -> list[str]:
+    order = list(_TITLES_JOINTS)
+    entries = [describe_joint_effect(name) for name in JOINT_EFFECT_NAMES]
+    entries.sort(key=lambda entry: order.index(entry.family))
+    parts = [_JOINTS, _write_overview(entries, "joints-")]
+    for family, members in groupby(entries, key=lambda entry: entry.family):
+        parts.append(f"### {_TITLES_JOINTS[family]}\n")
+        parts += [_write_pushed_entry(entry, "joints") for entry in members]
+    return parts
+
+
+def _write_pushed_entry(entry: CatalogueEntry, model: str = "pushed") -> str:
     parts = [
-        f"#### pushed: {entry.name}\n",
+        f"#### {model}: {entry.name}\n",
         f"    {entry.formula}\n",
         f"{entry.meaning}\n",
         textwrap.fill(entry.looks_like, 100) + "\n",
+        *([_joint_picture(entry.name)] if model == "joints" else []),
         _write_parameters(entry),
         textwrap.fill(f"**Remedy.** {entry.remedy}", 100) + "\n",
     ]
     return "\n".join(parts)
+
+
+def _joint_picture(name: str) -> str:
+    return f"![Torque that is missing with {name}]({PICTURES}/joints_{name}.png)\n"
 
 
 def _write_overview(entries: Sequence[CatalogueEntry], prefix: str = "") -> str:

@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from tactile_dynamics_ros.api.checks import Check
     from tactile_dynamics_ros.api.discrepancies import Comparison, Diagnosis, Explanation
     from tactile_dynamics_ros.api.estimates import Estimate
+    from tactile_dynamics_ros.api.joint_checks import JointCheck
+    from tactile_dynamics_ros.api.joint_estimates import EstimateOfJoints
     from tactile_dynamics_ros.api.pushed_checks import PushedCheck
     from tactile_dynamics_ros.api.pushed_estimates import EstimateOfPushes
     from tactile_dynamics_ros.api.shapes import Shape
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
     )
     from tactile_dynamics_ros.api.wrist import read_wrist
     from tactile_dynamics_ros.recording import Recording
+    from tactile_dynamics_ros.recording.joints import JointRecording
     from tactile_dynamics_ros.recording.pushed import PushedRecording
 
 _MODULES = {
@@ -34,8 +37,11 @@ _MODULES = {
     "Comparison": "api.discrepancies",
     "Diagnosis": "api.discrepancies",
     "Estimate": "api.estimates",
+    "EstimateOfJoints": "api.joint_estimates",
     "EstimateOfPushes": "api.pushed_estimates",
     "Explanation": "api.discrepancies",
+    "JointCheck": "api.joint_checks",
+    "JointRecording": "recording.joints",
     "PushedCheck": "api.pushed_checks",
     "PushedRecording": "recording.pushed",
     "Recording": "recording",
@@ -49,8 +55,11 @@ __all__ = [
     "Comparison",
     "Diagnosis",
     "Estimate",
+    "EstimateOfJoints",
     "EstimateOfPushes",
     "Explanation",
+    "JointCheck",
+    "JointRecording",
     "PushedCheck",
     "PushedRecording",
     "Recording",

@@ -7,17 +7,18 @@ import tactile_dynamics_ros as td
 
 held: td.Recording = td.read("run.mcap", model="held")
 pushed: td.PushedRecording = td.read(Path("push.mcap"), model="pushed")
-assert_type(td.read("run.mcap"), td.Recording | td.PushedRecording)
+assert_type(td.read("run.mcap"), td.Recording | td.PushedRecording | td.JointRecording)
 
 assert_type(td.check(held), td.Check)
 assert_type(td.check(pushed), td.PushedCheck)
-assert_type(td.check("run.mcap"), td.Check | td.PushedCheck)
+assert_type(td.check("run.mcap"), td.Check | td.PushedCheck | td.JointCheck)
 
 estimate = td.estimate(held, "viscous_drag", prior="box.yaml")
 assert_type(estimate, td.Estimate)
 assert_type(estimate.found.inertia.mass, float)
 assert_type(td.estimate(pushed, ["support_tilt"]), td.EstimateOfPushes)
-assert_type(td.estimate(Path("run.mcap")), td.Estimate | td.EstimateOfPushes)
+found = td.estimate(Path("run.mcap"))
+assert_type(found, td.Estimate | td.EstimateOfPushes | td.EstimateOfJoints)
 assert_type(td.estimate("run.mcap").report(Path("out")), Path)
 
 assert_type(td.compare("run.mcap").adequate, bool)

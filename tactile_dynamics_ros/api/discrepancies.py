@@ -91,11 +91,15 @@ class Comparison(Discrepancy):
     def lines(self) -> list[str]:
         """Return error, verdict and where the model fails."""
         error = self.document["error"]
-        torque = error["torque_rms_nm"]
+        sizes = [
+            f"{error[key]:.3g} {unit}"
+            for key, unit in (("force_rms_n", "N"), ("torque_rms_nm", "N m"))
+            if error[key] is not None
+        ]
         said = "adequate" if self.adequate else "not adequate"
         return [
             f"error: {error['whitened_rms']:.2f} times the stated sensor noise (whitened RMS), "
-            f"{error['force_rms_n']:.3g} N" + ("" if torque is None else f", {torque:.3g} N m"),
+            + ", ".join(sizes),
             f"the model is {said} ({_why(self.document)})",
             *(
                 f"  {place['channel']}: {100.0 * place['share_of_error']:.0f} % of its error "

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from tactile_dynamics_ros.api.result import Rows
 from tactile_dynamics_ros.core.discrepancy.verdict.wording import capitalise, join_names
+from tactile_dynamics_ros.recording.joints import JointRecording
 from tactile_dynamics_ros.recording.pushed import PushedRecording
 from tactile_dynamics_ros.report.numbers import with_uncertainty
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from tactile_dynamics_ros.core.discrepancy.model.residual_model import Convention
     from tactile_dynamics_ros.core.friction.discrepancy_model import FrictionModel
     from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldObjectModel
+    from tactile_dynamics_ros.core.joints.model import JointsModel
     from tactile_dynamics_ros.core.planar.diagnosis.discrepancy_model import PushDiscrepancy
     from tactile_dynamics_ros.recording import Recording
 
@@ -70,6 +72,8 @@ def properties_of(
         return _of_surface(model)
     if isinstance(question.recording, PushedRecording):
         return _of_pushed(question.recording, model)
+    if isinstance(question.recording, JointRecording):
+        return _of_joints(question.recording, model)
     return _of_held(question.recording, model, read, groups or {})
 
 
@@ -104,6 +108,15 @@ def _of_pushed(recording: PushedRecording, model: PushDiscrepancy) -> Properties
     from tactile_dynamics_ros.api.pushed_estimates import EstimateOfPushes
 
     found = EstimateOfPushes.of(recording, model.effect_names)
+    return Properties(found.to_json(), found.body_rows())
+
+
+def _of_joints(recording: JointRecording, model: JointsModel) -> Properties:
+    """Tell payload and friction of an arm by a model that is fitted."""
+    from tactile_dynamics_ros.api.joint_estimates import EstimateOfJoints
+    from tactile_dynamics_ros.core.joints.estimate import JointsEstimate
+
+    found = EstimateOfJoints(recording, JointsEstimate(model, recording.streams))
     return Properties(found.to_json(), found.body_rows())
 
 

@@ -18,10 +18,12 @@ if TYPE_CHECKING:
     from tactile_dynamics_ros.core.effects.effect import Effect
     from tactile_dynamics_ros.core.friction.discrepancy_model import FrictionModel
     from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
+    from tactile_dynamics_ros.core.joints.model import JointsModel
     from tactile_dynamics_ros.core.planar.diagnosis.discrepancy_model import PushDiscrepancy
     from tactile_dynamics_ros.core.planar.properties.linked_fit import PairFit
     from tactile_dynamics_ros.core.planar.properties.push_model import PushFit
     from tactile_dynamics_ros.recording import Recording
+    from tactile_dynamics_ros.recording.joints import JointRecording
     from tactile_dynamics_ros.recording.pushed import PushedRecording
 
 
@@ -43,7 +45,7 @@ class Question:
     error: Callable[[], dict[str, Any]]
     otherwise: Callable[[], Any] = lambda: None
     notes: Callable[[Any], list[str]] = lambda model: []
-    recording: Recording | PushedRecording | None = None
+    recording: Recording | PushedRecording | JointRecording | None = None
 
     @cached_property
     def judgement(self) -> Judgement:
@@ -156,6 +158,41 @@ def question_pushed(
 
     model = PushDiscrepancy.of_streams(recording.streams, names, fit)
     return Question(model, recording.source, lambda: _push_error(model), recording=recording)
+
+
+def question_joints(
+    recording: JointRecording,
+    names: Sequence[str] = (),
+    without: JointRecording | None = None,
+    known_load: float | None = None,
+) -> Question:
+    """Fit links, payload and friction of an arm, with the named effects, to its joint torques.
+
+    Args:
+        recording: what was measured.
+        names: of the effects of the model.
+        without: the same arm without the payload.
+        known_load: mass of the payload, kg, if it was weighed.
+
+    Raises:
+        BadInputError: an effect is unknown, or the URDF is of another arm.
+        NotIdentifiableError: the recording is too short.
+    """
+    tell("fitting links, friction and payload")
+    from tactile_dynamics_ros.core.joints.estimate import fit
+
+    empty = None if without is None else without.streams
+    model = fit(recording.streams, names, empty, known_load=known_load)
+    return Question(model, recording.source, lambda: _joints_error(model), recording=recording)
+
+
+def _joints_error(model: JointsModel) -> dict[str, Any]:
+    torque = model.residuals().physical
+    return {
+        "whitened_rms": float(np.sqrt(np.mean(model.residual**2))),
+        "force_rms_n": None,
+        "torque_rms_nm": float(np.sqrt(np.mean(torque**2))),
+    }
 
 
 def _push_error(model: PushDiscrepancy) -> dict[str, Any]:

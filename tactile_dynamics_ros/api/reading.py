@@ -12,6 +12,7 @@ from tactile_dynamics_ros.core.errors import BadInputError
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.effects.effect import Effect
     from tactile_dynamics_ros.recording import Recording
+    from tactile_dynamics_ros.recording.joints import JointRecording
     from tactile_dynamics_ros.recording.pushed import PushedRecording
 
 
@@ -106,6 +107,21 @@ def read_pushed_recording(
         recording = replace(recording, streams=streams)
     check_reading(recording.streams)
     return recording, notes
+
+
+def read_joints(paths: Sequence[str | Path], urdf: str | Path | None = None) -> JointRecording:
+    """Read the recording of an arm's joint torques.
+
+    Args:
+        paths: of it; several of one arm with the same payload are joined.
+        urdf: of the arm; that in the bag if None.
+
+    Raises:
+        BadInputError: one cannot be read, or they are of different joints.
+    """
+    from tactile_dynamics_ros.recording.joints import JointRecording
+
+    return JointRecording.join([JointRecording.read(path, urdf) for path in paths])
 
 
 def names_of(named: str | Sequence[str | Effect]) -> list[str]:

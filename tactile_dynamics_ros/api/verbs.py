@@ -8,26 +8,37 @@ from typing import TYPE_CHECKING, Literal, TypeAlias, overload
 
 from tactile_dynamics_ros.api.discrepancies import Comparison, Diagnosis, Explanation
 from tactile_dynamics_ros.api.estimates import Estimate
-from tactile_dynamics_ros.api.questions import Question, question_held, question_pushed
+from tactile_dynamics_ros.api.questions import (
+    Question,
+    question_held,
+    question_joints,
+    question_pushed,
+)
 from tactile_dynamics_ros.api.reading import (
     effects_of,
     names_of,
+    read_joints,
     read_pushed_recording,
     read_recording,
 )
 from tactile_dynamics_ros.api.shapes import Shape
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.recording import Recording
-from tactile_dynamics_ros.recording.pushed import PushedRecording, recorded_model
+from tactile_dynamics_ros.recording.joints import JointRecording
+from tactile_dynamics_ros.recording.kinds import recorded_kind
+from tactile_dynamics_ros.recording.pushed import PushedRecording
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.api.checks import Check
+    from tactile_dynamics_ros.api.joint_checks import JointCheck
+    from tactile_dynamics_ros.api.joint_estimates import EstimateOfJoints
     from tactile_dynamics_ros.api.pushed_checks import PushedCheck
     from tactile_dynamics_ros.api.pushed_estimates import EstimateOfPushes
     from tactile_dynamics_ros.core.effects.effect import Effect
 
     Effects: TypeAlias = str | Sequence[str | Effect]
-    Source: TypeAlias = Recording | PushedRecording | str | Path
+    AnyRecording: TypeAlias = Recording | PushedRecording | JointRecording
+    Source: TypeAlias = AnyRecording | str | Path
 
 
 @overload
@@ -58,6 +69,12 @@ def read(
 
 @overload
 def read(
+    *paths: str | Path, urdf: str | Path | None = None, model: Literal["joints"]
+) -> JointRecording: ...
+
+
+@overload
+def read(
     *paths: str | Path,
     remap: Mapping[str, str | Sequence[str]] | None = None,
     namespace: str | None = None,
@@ -66,7 +83,7 @@ def read(
     stamps: str | None = None,
     urdf: str | Path | None = None,
     model: str = "auto",
-) -> Recording | PushedRecording: ...
+) -> AnyRecording: ...
 
 
 def read(
@@ -78,7 +95,7 @@ def read(
     stamps: str | None = None,
     urdf: str | Path | None = None,
     model: str = "auto",
-) -> Recording | PushedRecording:
+) -> AnyRecording:
     """Read a recording, or several of one object as one.
 
     Args:
@@ -89,11 +106,12 @@ def read(
         any_unit: whether accelerations that look like units of g are taken as they are; `diagnose`
             and `explain` then tell the unit.
         stamps: of a held object, "receive" for the times at which messages were received.
-        urdf: of the arm that held the object and whose joint angles were recorded.
-        model: "held", "pushed" for an object on a support, or "auto", which decides by the topics.
+        urdf: of the arm whose joint angles, or torques, were recorded.
+        model: "held", "pushed" for an object on a support, "joints" for an arm by its torques, or
+            "auto", which decides by the topics.
 
     Returns:
-        A `Recording` of a held object, or a `PushedRecording`.
+        A `Recording` of a held object, a `PushedRecording`, or a `JointRecording`.
 
     Raises:
         BadInputError: one cannot be read, no contact pushes, several are not of one object, or a
@@ -101,9 +119,12 @@ def read(
     """
     if not paths:
         raise BadInputError("read: expected the path of a recording")
-    if model not in ("auto", "held", "pushed"):
-        raise BadInputError(f"read: model {model!r}; expected auto, held or pushed")
-    if (recorded_model(paths[0], remap) if model == "auto" else model) == "pushed":
+    if model not in ("auto", "held", "pushed", "joints"):
+        raise BadInputError(f"read: model {model!r}; expected auto, held, pushed or joints")
+    kind = recorded_kind(paths[0], remap) if model == "auto" else model
+    if kind == "joints":
+        return read_joints(paths, urdf)
+    if kind == "pushed":
         pushed = [
             read_pushed_recording(path, remap=remap, namespace=namespace, world_frame=world_frame)
             for path in paths
@@ -125,7 +146,7 @@ def read(
     )
 
 
-def _recorded(source: Source, any_unit: bool = False) -> Recording | PushedRecording:
+def _recorded(source: Source, any_unit: bool = False) -> AnyRecording:
     """Return a recording, read if it is given by its path.
 
     Args:
@@ -135,7 +156,7 @@ def _recorded(source: Source, any_unit: bool = False) -> Recording | PushedRecor
     Raises:
         BadInputError: it cannot be read, or is neither.
     """
-    if isinstance(source, Recording | PushedRecording):
+    if isinstance(source, Recording | PushedRecording | JointRecording):
         return source
     if isinstance(source, str | Path):
         return read(source, any_unit=any_unit)
@@ -154,10 +175,14 @@ def check(recording: PushedRecording, goal: float = 0.1) -> PushedCheck: ...
 
 
 @overload
-def check(recording: Source, goal: float = 0.1) -> Check | PushedCheck: ...
+def check(recording: JointRecording, goal: float = 0.1) -> JointCheck: ...
 
 
-def check(recording: Source, goal: float = 0.1) -> Check | PushedCheck:
+@overload
+def check(recording: Source, goal: float = 0.1) -> Check | PushedCheck | JointCheck: ...
+
+
+def check(recording: Source, goal: float = 0.1) -> Check | PushedCheck | JointCheck:
     """Tell whether a recording is fit for an estimate, and what to record as well.
 
     Args:
@@ -173,6 +198,10 @@ def check(recording: Source, goal: float = 0.1) -> Check | PushedCheck:
         from tactile_dynamics_ros.api.pushed_checks import check_pushes
 
         return check_pushes(recorded, goal)
+    if isinstance(recorded, JointRecording):
+        from tactile_dynamics_ros.api.joint_checks import check_joints
+
+        return check_joints(recorded, goal)
     from tactile_dynamics_ros.api.checks import check_recording
 
     return check_recording(recorded, goal)
@@ -198,6 +227,16 @@ def estimate(
 
 @overload
 def estimate(
+    recording: JointRecording,
+    effects: Effects = (),
+    *,
+    without: JointRecording | str | Path | None = None,
+    known_load: float | None = None,
+) -> EstimateOfJoints: ...
+
+
+@overload
+def estimate(
     recording: Source,
     effects: Effects = (),
     *,
@@ -205,7 +244,9 @@ def estimate(
     prior: str | Path | None = None,
     wrist: Recording | str | Path | None = None,
     hand: str | Path | None = None,
-) -> Estimate | EstimateOfPushes: ...
+    without: JointRecording | str | Path | None = None,
+    known_load: float | None = None,
+) -> Estimate | EstimateOfPushes | EstimateOfJoints: ...
 
 
 def estimate(
@@ -216,8 +257,10 @@ def estimate(
     prior: str | Path | None = None,
     wrist: Recording | str | Path | None = None,
     hand: str | Path | None = None,
-) -> Estimate | EstimateOfPushes:
-    """Estimate mass, centre of mass and inertia of a held object, or friction of a pushed one.
+    without: JointRecording | str | Path | None = None,
+    known_load: float | None = None,
+) -> Estimate | EstimateOfPushes | EstimateOfJoints:
+    """Estimate a held object, a pushed one, or payload and friction of an arm by its torques.
 
     Args:
         recording: what was measured, or the path of the recording.
@@ -228,6 +271,8 @@ def estimate(
         wrist: of `read_wrist`, from the same bag: what the wrist carried meanwhile; or the path of
             the bag, with the default robot.
         hand: file of `Estimate.save` of the hand alone, from such a recording without an object.
+        without: of an arm by its torques: the recording without the payload, or its path.
+        known_load: likewise: the payload's mass, kg, if it was weighed; tells gains of drives.
 
     Raises:
         BadInputError: a path cannot be read, contacts and motion do not overlap, an effect is
@@ -236,6 +281,14 @@ def estimate(
         NotIdentifiableError: the iteration diverged, or a pushed object slides too little.
     """
     recorded = _recorded(recording)
+    if isinstance(recorded, JointRecording):
+        if tool or wrist or hand or prior:
+            raise BadInputError("tool, wrist, hand, prior: not for an arm by its torques")
+        from tactile_dynamics_ros.api.joint_estimates import EstimateOfJoints
+
+        return EstimateOfJoints.of(recorded, names_of(effects), without, known_load)
+    if without is not None or known_load is not None:
+        raise BadInputError("without, known_load: for an arm by its joint torques; leave them out")
     if isinstance(recorded, PushedRecording):
         if tool or wrist or hand:
             raise BadInputError("tool, wrist, hand: not for an object on a support; leave them out")
@@ -265,7 +318,9 @@ def _estimate_pushed(
     return EstimateOfPushes.of(recording, names_of(effects), known)
 
 
-def _question(recording: Recording | PushedRecording, effects: Effects) -> Question:
+def _question(recording: AnyRecording, effects: Effects) -> Question:
+    if isinstance(recording, JointRecording):
+        return question_joints(recording, names_of(effects))
     if isinstance(recording, PushedRecording):
         return question_pushed(recording, names_of(effects))
     return question_held(recording, effects_of(effects))

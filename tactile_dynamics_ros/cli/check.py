@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from tactile_dynamics_ros.cli.recordings import (
     add_recording_arguments,
     model_of,
+    read_joint_torques,
     read_pushed,
     read_recording,
 )
@@ -48,5 +49,7 @@ def run(args: Namespace) -> int:
 def _checked(args: Namespace) -> Readiness:
     from tactile_dynamics_ros.api.verbs import check
 
-    pushed = model_of(args) == "pushed"
-    return check(read_pushed(args) if pushed else read_recording(args), args.goal / 100.0)
+    kind, goal = model_of(args), args.goal / 100.0
+    if kind == "joints":
+        return check(read_joint_torques(args), goal)
+    return check(read_pushed(args) if kind == "pushed" else read_recording(args), goal)

@@ -11,7 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from tactile_dynamics_ros.api.discrepancies import Comparison, Diagnosis, Discrepancy, Explanation
-from tactile_dynamics_ros.api.questions import Question, question_held, question_pushed
+from tactile_dynamics_ros.api.questions import (
+    Question,
+    question_held,
+    question_joints,
+    question_pushed,
+)
 from tactile_dynamics_ros.cli.progress import shown_progress
 from tactile_dynamics_ros.cli.recordings import (
     add_model_argument,
@@ -21,6 +26,7 @@ from tactile_dynamics_ros.cli.recordings import (
     model_of,
     pushed_effects,
     read_effects,
+    read_joint_torques,
     read_pushed,
     read_recording,
 )
@@ -70,4 +76,6 @@ def _ask(args: Namespace) -> Callable[[], Question]:
     args.model = model_of(args)  # asked of the recording once
     if args.model == "pushed":
         return partial(question_pushed, read_pushed(args), pushed_effects(args))
+    if args.model == "joints":
+        return partial(question_joints, read_joint_torques(args), pushed_effects(args))
     return partial(question_held, read_recording(args), read_effects(args))

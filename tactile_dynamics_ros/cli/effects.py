@@ -22,6 +22,7 @@ _MODELS = {
     "held": "of an object that a hand holds",
     "friction": "of the friction of a probed surface",
     "pushed": "of an object that is pushed or pulled on a support",
+    "joints": "of an arm's joints, by their torques",
 }
 """Models that effects belong to, as `--model` of the other verbs has them."""
 _QUANTITY_NOTE = """\
@@ -70,10 +71,11 @@ def _entries(model: str, name: str | None) -> list[CatalogueEntry]:
     from tactile_dynamics_ros.core.effects.catalogue import describe_effect
     from tactile_dynamics_ros.core.effects.registry import HELD
     from tactile_dynamics_ros.core.friction.effects import FRICTION, describe_friction_effect
+    from tactile_dynamics_ros.core.joints.effects import JOINTS, describe_joint_effect
     from tactile_dynamics_ros.core.planar.effects.registry import PUSHED, describe_pushed_effect
 
     registries: dict[str, EffectRegistry[Any]] = {
-        registry.model: registry for registry in (HELD, FRICTION, PUSHED)
+        registry.model: registry for registry in (HELD, FRICTION, PUSHED, JOINTS)
     }
     known = registries[model].names()
     labels = known if name is None else [name] * (name.partition(":")[0] in known)
@@ -81,6 +83,7 @@ def _entries(model: str, name: str | None) -> list[CatalogueEntry]:
         "held": lambda label: describe_effect(HELD.create(label)),
         "friction": describe_friction_effect,
         "pushed": describe_pushed_effect,
+        "joints": describe_joint_effect,
     }
     return [describe[model](label) for label in labels]
 

@@ -13,14 +13,16 @@ from tactile_dynamics_ros.cli.recordings import (
     model_of,
     pushed_effects,
     read_effects,
+    read_joint_torques,
     read_pushed,
     read_recording,
 )
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.options import file_to_write, folder_to_write
+from tactile_dynamics_ros.core.options import POSITIVE, file_to_write, folder_to_write
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.api.estimates import Estimate
+    from tactile_dynamics_ros.api.joint_estimates import EstimateOfJoints
     from tactile_dynamics_ros.api.pushed_estimates import EstimateOfPushes
     from tactile_dynamics_ros.recording import Recording
 
@@ -71,7 +73,20 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     parser.add_argument(
         "--robot",
         metavar="NAME",
-        help="robot of --wrist and --carried: file in config/robots, or path of a yaml file",
+        help="robot of --wrist and --carried: file in config/robots, or path of a yaml file; of "
+        "an arm by its joint torques: its URDF, as --urdf",
+    )
+    parser.add_argument(
+        "--without",
+        metavar="BAG",
+        help="of an arm by its joint torques: the recording without the payload; the same motion "
+        "cancels friction and what the arm's model misses",
+    )
+    parser.add_argument(
+        "--known-load",
+        type=POSITIVE,
+        metavar="KG",
+        help="likewise: the payload was weighed; tells the gains of drives that report currents",
     )
     parser.add_argument(
         "--save",
@@ -81,9 +96,10 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     )
     parser.add_argument(
         "--model",
-        choices=("auto", "held", "pushed"),
+        choices=("auto", "held", "pushed", "joints"),
         default="auto",
-        help="what the object is: held, or pushed on a support; auto decides by the topics",
+        help="what was recorded: an object held, one pushed on a support, or an arm by its joint "
+        "torques; auto decides by the topics",
     )
     parser.set_defaults(run=run)
 
@@ -95,8 +111,12 @@ def run(args: Namespace) -> int:
     args.model = model_of(args)  # asked of the recording once
     if args.model == "pushed":
         return _estimate_pushed(args)
+    if args.model == "joints":
+        return _estimate_joints(args)
     from tactile_dynamics_ros.api.verbs import estimate
 
+    if args.without or args.known_load:
+        raise BadInputError("--without, --known-load: for an arm by its joint torques")
     known = {"tool": args.tool, "prior": args.prior}
     if args.carried:
         found = estimate(_read_wrist(args), read_effects(args), **known)
@@ -135,7 +155,27 @@ def _estimate_pushed(args: Namespace) -> int:
     return _told(args, estimate(read_pushed(args), pushed_effects(args), prior=args.prior))
 
 
-def _told(args: Namespace, found: Estimate | EstimateOfPushes, block: str | None = None) -> int:
+def _estimate_joints(args: Namespace) -> int:
+    """Estimate payload and friction of an arm by its joint torques, and print.
+
+    Raises:
+        BadInputError: an option is asked for that holds for held objects only.
+        NotIdentifiableError: the model does not fit.
+    """
+    from tactile_dynamics_ros.api.verbs import estimate
+
+    if args.prior:
+        raise BadInputError("--prior: not for an arm by its joint torques; leave it out")
+    recording, beside = read_joint_torques(args), {"without": args.without}
+    found = estimate(recording, pushed_effects(args), **beside, known_load=args.known_load)
+    return _told(args, found)
+
+
+def _told(
+    args: Namespace,
+    found: Estimate | EstimateOfPushes | EstimateOfJoints,
+    block: str | None = None,
+) -> int:
     """Print an estimate, or a block of it, write its report, and keep what is known.
 
     Raises:

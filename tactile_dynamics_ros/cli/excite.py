@@ -12,6 +12,7 @@ from tactile_dynamics_ros.api.result import align_rows
 from tactile_dynamics_ros.cli.recordings import (
     add_recording_arguments,
     read_effects,
+    read_joint_torques,
     read_recording,
 )
 from tactile_dynamics_ros.core.errors import BadInputError
@@ -25,6 +26,7 @@ from tactile_dynamics_ros.core.options import (
     file_to_write,
 )
 from tactile_dynamics_ros.core.robot.robot_file import DEFAULT_ROBOT, load_robot
+from tactile_dynamics_ros.recording.kinds import recorded_kind
 from tactile_dynamics_ros.share import object_file
 
 if TYPE_CHECKING:
@@ -42,7 +44,8 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         description="Design a motion for the object, the grip and the present estimate that a "
         "recording shows or, before the first grasp, for an object's grasp site. The motion is a "
         "table of Cartesian offsets (rotation vector in rad and translation in m, world axes) "
-        "about the fingertips, zero at both ends.",
+        "about the fingertips, zero at both ends. Of an arm by its joint torques (BAG, or --urdf "
+        "alone) it is a trajectory_msgs/JointTrajectory as JSON.",
     )
     add_recording_arguments(parser, optional=True)
     parser.add_argument("--object", metavar="NAME", help="instead of BAG: file in config/objects")
@@ -89,6 +92,13 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         default=DEFAULT_ROBOT,
         help=f"file in config/robots, or path of a yaml file ({DEFAULT_ROBOT})",
     )
+    parser.add_argument(
+        "--floor",
+        type=FINITE,
+        default=0.05,
+        metavar="M",
+        help="of an arm by its torques: height in its base above which its links stay (0.05)",
+    )
     parser.add_argument("--seed", type=SEED, default=0, help="of the search (0)")
     parser.add_argument(
         "--out", type=file_to_write, metavar="FILE", help="write the motion here (JSON)"
@@ -98,12 +108,54 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
 
 def run(args: Namespace) -> int:
     """Design, check on the arm, print and write."""
+    if _is_of_joints(args):
+        return _excite_joints(args)
     plan = _plan(args)
     if args.out:
         with written_whole(Path(args.out)) as part:
             part.write_text(json.dumps(plan.motion_table()) + "\n")
         print(f"motion: {args.out}", file=sys.stderr)
     print(json.dumps(plan.to_json()) if args.json else _describe(plan))
+    return 0
+
+
+def _is_of_joints(args: Namespace) -> bool:
+    """Whether the motion is one of an arm by its joint torques."""
+    if args.object is not None:
+        return False
+    return bool(args.urdf) if args.bag is None else recorded_kind(args.bag) == "joints"
+
+
+def _excite_joints(args: Namespace) -> int:
+    """Design a motion in joint space, print what it tells, and write it."""
+    from tactile_dynamics_ros.core.joints.arm import Arm
+    from tactile_dynamics_ros.core.joints.estimate import fit
+    from tactile_dynamics_ros.core.joints.excitation import JointLimits, design_motion
+    from tactile_dynamics_ros.core.reading import read_text
+    from tactile_dynamics_ros.core.robot.kinematic_tree import read_tree
+
+    limits = JointLimits(duration=args.duration, floor=args.floor)
+    if args.bag is None:
+        urdf = read_text(Path(args.urdf), "a URDF")
+        names = [j.name for j in read_tree(urdf, args.urdf) if j.axis is not None]
+        motion = design_motion(Arm.from_urdf(urdf, names, args.urdf), limits, seed=args.seed)
+    else:
+        model = fit(read_joint_torques(args).streams)
+        motion = design_motion(model.samples.arm, limits, model, args.seed)
+    before, after = motion.mass_std
+    if args.out:
+        with written_whole(Path(args.out)) as part:
+            part.write_text(json.dumps(motion.to_document()) + "\n")
+        print(f"motion: {args.out}", file=sys.stderr)
+    if args.json:
+        expected = {"payload_mass_std_before": before, "payload_mass_std_after": after}
+        print(json.dumps({"duration_s": limits.duration, **expected, **motion.to_document()}))
+    else:
+        print(
+            f"{limits.duration:.1f} s of {len(motion.names)} joints; a payload's mass would be "
+            f"known to {after:.3g} kg (now {before:.3g} kg), by the URDF's masses; the same motion "
+            "without the payload tells far more"
+        )
     return 0
 
 

@@ -47,9 +47,14 @@ def check_so_far(path: str, namespace: str | None) -> Said:
 def _checked(path: str, namespace: str | None) -> Readiness:
     from tactile_dynamics_ros.api.reading import read_recording
     from tactile_dynamics_ros.api.verbs import check
-    from tactile_dynamics_ros.recording.pushed import PushedRecording, recorded_model
+    from tactile_dynamics_ros.recording.joints import JointRecording
+    from tactile_dynamics_ros.recording.kinds import recorded_kind
+    from tactile_dynamics_ros.recording.pushed import PushedRecording
 
-    if recorded_model(path) == "pushed":
+    kind = recorded_kind(path)
+    if kind == "joints":
+        return check(JointRecording.read(path))
+    if kind == "pushed":
         return check(PushedRecording.from_bag(path, namespace=namespace))
     return check(read_recording(path, namespace=namespace))
 

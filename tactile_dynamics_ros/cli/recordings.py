@@ -18,6 +18,7 @@ from tactile_dynamics_ros.recording.bag_options import add_bag_arguments
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.effects.effect import Effect
     from tactile_dynamics_ros.recording import Recording
+    from tactile_dynamics_ros.recording.joints import JointRecording
     from tactile_dynamics_ros.recording.pushed import PushedRecording
 
 
@@ -25,10 +26,10 @@ def add_model_argument(parser: ArgumentParser) -> None:
     """Add the choice between the models that a recording can be held against."""
     parser.add_argument(
         "--model",
-        choices=("auto", "held", "pushed", "friction"),
+        choices=("auto", "held", "pushed", "friction", "joints"),
         default="auto",
-        help="rigid body in the hand, object on a support, or Coulomb friction of a probe; auto: "
-        "by the topics",
+        help="rigid body in the hand, object on a support, Coulomb friction of a probe, or an arm "
+        "by its joint torques; auto: by the topics",
     )
 
 
@@ -149,18 +150,18 @@ def add_effect_file(parser: ArgumentParser) -> None:
 
 
 def model_of(args: Namespace) -> str:
-    """Return "pushed" or "held", as the option says or as the topics of the recording tell.
+    """Return "pushed", "joints" or "held", as the option or the topics of the recording say.
 
     Raises:
         BadInputError: there is no recording at the path.
     """
-    from tactile_dynamics_ros.recording.pushed import recorded_model
+    from tactile_dynamics_ros.recording.kinds import recorded_kind
 
     chosen = str(getattr(args, "model", "auto"))
     first = args.bag if isinstance(args.bag, str) else args.bag[0]
     if chosen != "auto":
         return chosen
-    return recorded_model(first, _parse_remappings(getattr(args, "remap", [])))
+    return recorded_kind(first, _parse_remappings(getattr(args, "remap", [])))
 
 
 _HELD_ONLY = ("export", "tool", "wrist", "carried", "robot", "stamps", "urdf")
@@ -200,8 +201,36 @@ def read_pushed(args: Namespace) -> PushedRecording:
     return recordings[0].between(*span) if span else PushedRecording.join(recordings)
 
 
+def read_joint_torques(args: Namespace) -> JointRecording:
+    """Read the recording of an arm's joint torques; problems go to stderr, one line each.
+
+    Raises:
+        BadInputError: one cannot be read, there is no URDF, or an option holds for held objects
+            only.
+    """
+    from tactile_dynamics_ros.api.reading import read_joints
+
+    asked = [name for name in _HELD_ONLY if getattr(args, name, None)]
+    asked = [name for name in asked if name not in ("urdf", "robot")]
+    if asked:
+        raise BadInputError(f"--{asked[0]}: not for an arm by its joint torques; leave it out")
+    bags = [args.bag] if isinstance(args.bag, str) else args.bag
+    robot = args.robot if args.verb == "estimate" else None
+    recording = read_joints(bags, args.urdf or robot)
+    for line in recording.problem_lines():
+        print(f"note: {line}", file=sys.stderr)
+    recording = recording.between(*args.between) if args.between else recording
+    for name in getattr(args, "assume", []):
+        from tactile_dynamics_ros.core.joints.conventions import assumed
+
+        streams, reading = assumed(recording.streams, name)
+        print(f"note: read as {name}: {reading.change}", file=sys.stderr)
+        recording = replace(recording, streams=streams)
+    return recording
+
+
 def pushed_effects(args: Namespace) -> list[str]:
-    """Return the names of effects of a pushed object that the arguments name.
+    """Return the names of effects of a pushed object or of joints that the arguments name.
 
     Raises:
         BadInputError: a file of effects cannot be read.
@@ -225,10 +254,10 @@ def read_recording(args: Namespace) -> Recording:
     bags = [args.bag] if isinstance(args.bag, str) else list(args.bag)
     if span and len(bags) > 1:
         raise BadInputError(f"--between cuts one recording; {len(bags)} are given")
-    if model_of(args) == "pushed":
-        raise BadInputError(
-            f"{bags[0]}: an object on a support; ask estimate, compare, diagnose or explain"
-        )
+    kind = model_of(args)
+    if kind in ("pushed", "joints"):
+        what = "an object on a support" if kind == "pushed" else "an arm by its joint torques"
+        raise BadInputError(f"{bags[0]}: {what}; ask estimate, compare, diagnose or explain")
     recordings = [_read(bag, args) for bag in bags]
     recording = _part(recordings[0], *span) if span else Recording.join(recordings)
     for name in getattr(args, "assume", []):

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 _DURATION = Number(0.5, 3600.0)
 """Length of a recording, s: a few cycles of the fastest motion (2 Hz) fit in, and an hour at 1000
 Hz fits in the memory of a small machine."""
+_REPEATS = Number(0, 1000, whole=True)
+"""Repetitions of one motion: each has noise of its own, and no day has room for a thousand."""
 _INTERRUPTIONS, _ACTIONS = Number(0, 100, whole=True), Number(1, 1000, whole=True)
 """Contact breaks or gaps of the pose, and pushes: of more, a second would have several, or an hour
 of simulation would not be enough."""
@@ -63,6 +65,42 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     )
     held.set_defaults(run=run)
     _add_pushed(forms)
+    _add_joints(forms)
+
+
+def _add_joints(forms: _SubParsersAction[Any]) -> None:
+    joints = forms.add_parser(
+        "joints", help="an arm that moves, by the torques of its joints, with hidden effects"
+    )
+    joints.add_argument("out", type=path_to_write, metavar="OUT", help=NEW_RECORDING)
+    joints.add_argument(
+        "--effect",
+        action=JoinNames,
+        default="",
+        metavar="NAME[,..]",
+        help="none: rigid links, Coulomb and viscous friction",
+    )
+    joints.add_argument("--seed", type=SEED, default=0)
+    joints.add_argument(
+        "--magnitude", type=NOT_NEGATIVE, default=1.0, help="multiple of a typical size"
+    )
+    joints.add_argument("--urdf", metavar="FILE", help="of the arm (default: the KUKA iiwa)")
+    joints.add_argument(
+        "--payload", type=NOT_NEGATIVE, default=0.0, metavar="KG", help="at the flange"
+    )
+    joints.add_argument(
+        "--repeat",
+        type=_REPEATS,
+        default=0,
+        metavar="N",
+        help="number of the repetition of the same motion: other noise",
+    )
+    joints.add_argument("--duration", type=_DURATION, default=30.0, help="s")
+    joints.add_argument("--rate", type=Number(50.0, 2000.0), default=500.0, help="Hz")
+    joints.add_argument(
+        "--json", action="store_true", default=SUPPRESS, help="print only JSON on stdout"
+    )
+    joints.set_defaults(run=run)
 
 
 def _add_pushed(forms: _SubParsersAction[Any]) -> None:
@@ -122,7 +160,8 @@ def run(args: Namespace) -> int:
     truth = out.with_name(out.name.removesuffix(".mcap") + ".truth.json")
     refuse_existing(out)
     refuse_existing(truth)
-    document, write = (_make_pushed if args.form == "pushed" else _make_held)(args)
+    makers = {"held": _make_held, "pushed": _make_pushed, "joints": _make_joints}
+    document, write = makers[args.form](args)
     with written_whole(truth) as part:
         part.write_text(json.dumps(document, indent=1))
         write(out)
@@ -157,6 +196,28 @@ def _make_pushed(args: Namespace) -> tuple[dict[str, Any], Callable[[Path], obje
     options = pushed.PushOptions(args.kind, actions, variation=args.variation)
     made = pushed.generate([args.seed], dict.fromkeys(names, args.magnitude), options)[0]
     return made.truth(), PushedRecording(made.streams, args.out).to_bag
+
+
+def _make_joints(args: Namespace) -> tuple[dict[str, Any], Callable[[Path], object]]:
+    """Make a recording of an arm's joints; return its truth, and what writes it.
+
+    Raises:
+        BadInputError: an effect is unknown, or the URDF cannot be read.
+    """
+    from tactile_dynamics_ros.core.reading import read_text
+    from tactile_dynamics_ros.core.robot.robot_file import load_robot
+    from tactile_dynamics_ros.recording.joints import JointRecording
+    from tactile_dynamics_ros.synthetic import joints
+    from tactile_dynamics_ros.synthetic.recordings import EPOCH_NS
+
+    urdf = read_text(Path(args.urdf), "a URDF") if args.urdf else load_robot("allegro_iiwa").urdf
+    names = _known_names(args.effect, (*joints.CATALOGUE, *joints.OUTSIDE))
+    payload = joints.Payload.draw(args.payload, args.seed) if args.payload else None
+    options = joints.JointOptions(
+        duration=args.duration, rate_hz=args.rate, payload=payload, repeat=args.repeat
+    )
+    made = joints.generate(urdf, args.seed, dict.fromkeys(names, args.magnitude), options)
+    return made.truth(), JointRecording(made.streams, args.out, epoch_ns=EPOCH_NS).to_bag
 
 
 def _known_names(given: str, known: tuple[str, ...]) -> list[str]:

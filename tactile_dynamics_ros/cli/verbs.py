@@ -102,7 +102,11 @@ VERBS: dict[str, Verb] = {
     "estimate": Verb(
         "estimate",
         "mass, centre of mass and inertia from a recording, with uncertainty",
-        ("estimate run.mcap", "estimate run.mcap --effects force_bias --out report"),
+        (
+            "estimate run.mcap",
+            "estimate run.mcap --effects force_bias --out report",
+            "estimate loaded.mcap --without empty.mcap",
+        ),
     ),
     "compare": Verb(
         "discrepancy",
@@ -141,7 +145,11 @@ VERBS: dict[str, Verb] = {
     "excite": Verb(
         "excite",
         "design the motion that reveals most about a held object, within arm and grip limits",
-        ("excite --object box_0 --out motion.json", "excite run.mcap --out motion.json"),
+        (
+            "excite --object box_0 --out motion.json",
+            "excite run.mcap --out motion.json",
+            "excite --urdf arm.urdf --out motion.json",
+        ),
     ),
     "import": Verb(
         "import_",

@@ -70,12 +70,17 @@ class Stamped(NamedTuple):
     values: Array
 
 
+_NOTHING = np.zeros(0)
+"""Efforts of a joint state that has none."""
+
+
 class Joints(NamedTuple):
-    """Part of a JointState that is used: stamp, names and positions (rad)."""
+    """Part of a JointState that is used: stamp, names, positions (rad) and efforts (N m)."""
 
     stamp: Stamp
     names: tuple[str, ...]
     positions: Array
+    efforts: Array = _NOTHING
 
 
 class Picture(NamedTuple):
@@ -150,13 +155,14 @@ class JointStateDecoder:
         self._same, self._names, self._start = b"\0", (), 0
 
     def __call__(self, data: bytes) -> Joints:
-        """Return stamp, names and positions of a serialised JointState."""
+        """Return stamp, names, positions and efforts of a serialised JointState."""
         order, stamp, end = _read_header(data)
         if not data.startswith(self._same, STAMPED):
             self._learn(data, order, end)
-        (count,) = struct.unpack_from(order + "I", data, self._start - 4)
-        positions = np.frombuffer(data, order + "f8", count, _aligned(self._start) if count else 0)
-        return Joints(stamp, self._names, positions)
+        positions, end = _doubles(data, order, self._start - 4)
+        _, end = _doubles(data, order, end)
+        efforts, _ = _doubles(data, order, end)
+        return Joints(stamp, self._names, positions, efforts)
 
     def _learn(self, data: bytes, order: str, end: int) -> None:
         """Read the names behind the frame id, and remember the bytes of both."""
@@ -200,6 +206,13 @@ def _read_header(data: bytes) -> tuple[str, Stamp, int]:
     order = "<" if data[1] == LITTLE_ENDIAN else ">"
     sec, nanosec, length = HEADER[order].unpack_from(data, ENCAPSULATION)
     return order, Stamp(sec, nanosec), FRAME + length
+
+
+def _doubles(data: bytes, order: str, at: int) -> tuple[Array, int]:
+    """Return doubles behind their count, and the place of the count that follows them."""
+    (count,) = struct.unpack_from(order + "I", data, at)
+    start = _aligned(at + 4) if count else at + 4
+    return np.frombuffer(data, order + "f8", count, start), start + 8 * count
 
 
 def _begin(stamp: AnyStamp) -> bytes:

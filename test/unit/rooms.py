@@ -81,6 +81,11 @@ ROOMS = {
         ("core/discrepancy", "core/effects", "core/numerics", "core/rigid_body", "core/robot")
         + ("core/shape", "core/tactile"),
     ),
+    "core/joints": Room(
+        "arms by the torques of their joints: links, friction, payload, and what is missing",
+        ("core/discrepancy", "core/effects", "core/numerics", "core/rigid_body", "core/robot")
+        + ("core/streams",),
+    ),
     "core/planar": Room(
         "streams of objects that are pushed and pulled on a support", ("core/planar/mechanics",)
     ),
@@ -222,7 +227,7 @@ ROOMS = {
     ),
     "api": Room(
         "the verbs of the command as functions, with results for notebooks",
-        ("core/discrepancy", "core/effects", "core/friction", "core/inertia")
+        ("core/discrepancy", "core/effects", "core/friction", "core/inertia", "core/joints")
         + (_INERTIA + "batch", _INERTIA + "diagnosis", _INERTIA + "excitation")
         + (_INERTIA + "residuals", "core/rigid_body", "core/shape")
         + ("core/planar", "core/planar/actions", "core/planar/diagnosis", "core/planar/linked")
@@ -241,6 +246,7 @@ ROOMS = {
             _INERTIA + "diagnosis",
             _INERTIA + "live",
             "core/discrepancy",
+            "core/joints",
         )
         + (
             "core/planar",
@@ -276,13 +282,13 @@ ROOMS = {
         + ("core/weighing", "recording")
         + ("core/planar/actions", "core/planar/control", "core/planar/filter")
         + ("core/planar/mechanics", "core/planar/network", "core/planar/properties")
-        + ("core/streams", "core/tactile", "core/tracking", "ros", "sim"),
+        + ("core/joints", "core/streams", "core/tactile", "core/tracking", "ros", "sim"),
         ("rclpy",),
     ),
     "cli": Room(
         "the command",
         ("api",)
-        + ("core/discrepancy", "core/effects", "core/friction", "core/inertia")
+        + ("core/discrepancy", "core/effects", "core/friction", "core/inertia", "core/joints")
         + (_INERTIA + "batch", _INERTIA + "conventions", _INERTIA + "diagnosis")
         + (_INERTIA + "excitation",)
         + (

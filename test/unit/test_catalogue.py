@@ -12,6 +12,11 @@ from docs.effect_pages import PICTURES
 from tactile_dynamics_ros.core.effects import EFFECT_NAMES, create_effect
 from tactile_dynamics_ros.core.effects.catalogue import CatalogueEntry, describe_effect
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.joints.effects import (
+    JOINT_EFFECT_NAMES,
+    JOINTS,
+    describe_joint_effect,
+)
 from tactile_dynamics_ros.core.planar.effects.registry import (
     PUSHED,
     PUSHED_EFFECT_NAMES,
@@ -20,6 +25,7 @@ from tactile_dynamics_ros.core.planar.effects.registry import (
 from tactile_dynamics_ros.sim import hidden_effects
 from tactile_dynamics_ros.sim.planar import hidden_effects as table_effects
 from tactile_dynamics_ros.synthetic import CATALOGUE, EVENTS
+from tactile_dynamics_ros.synthetic import joints as hidden_joints
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
@@ -64,6 +70,15 @@ def test_an_effect_of_a_pushed_object_is_complete(name):
     assert (name in {*pushed.CATALOGUE, *pushed.JOINTED}) != (name in ON_THE_TABLE_ONLY)
     on_table = {*table_effects.CATALOGUED, *table_effects._BESIDE}
     assert (name in on_table or name == "unsensed_contact") != (name in OF_TWO_PARTS)
+
+
+@pytest.mark.parametrize("name", JOINT_EFFECT_NAMES)
+def test_an_effect_of_joints_is_complete(name):
+    check_entry(describe_joint_effect(name))
+    assert (DOCS / PICTURES / f"joints_{name}.png").is_file()
+    assert name in hidden_joints.CATALOGUE, "`./dev bench joints` asks for all that are there"
+    with pytest.raises(BadInputError, match="no regimes"):
+        JOINTS.create(f"{name}[t<5]")
 
 
 @pytest.mark.parametrize("name", EFFECT_NAMES)

@@ -1,0 +1,402 @@
+"""An arm's joint torques as a model that the diagnosis can question."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.discrepancy.model.least_squares import LeastSquaresModel
+from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
+    Convention,
+    Family,
+    ParameterTable,
+    Residuals,
+)
+from tactile_dynamics_ros.core.discrepancy.screening import screen
+from tactile_dynamics_ros.core.discrepancy.trials import try_effect
+from tactile_dynamics_ros.core.discrepancy.verdict.validation import held_out
+from tactile_dynamics_ros.core.effects.parameter import EffectParameter
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.joints.conventions import find_reading, reread
+from tactile_dynamics_ros.core.joints.drive_effects import TorqueGain, TorqueRipple
+from tactile_dynamics_ros.core.joints.effects import (
+    JOINTS,
+    JointEffect,
+    are_allowed,
+    in_units,
+)
+from tactile_dynamics_ros.core.joints.noise import dispersion, seen_noise, stated_noise, whitener
+from tactile_dynamics_ros.core.joints.prior import (
+    FRICTION_STD,
+    USUAL_SHARE,
+    Basis,
+    BodyPrior,
+    all_columns,
+    basis_of,
+    likeliest_share,
+)
+from tactile_dynamics_ros.core.joints.samples import JointSamples
+from tactile_dynamics_ros.core.joints.situation import Situation, conditions_of
+from tactile_dynamics_ros.core.numerics.banded import BandedWhitener
+
+Array = NDArray[np.float64]
+
+_ROUNDS = 4
+"""Rounds of fit and noise: the floors of a residual settle to 1 % in three."""
+_GAIN, _ALL = "torque_gain", "all"
+"""The effect that unknown gains of drives are, and the reading of an effect on all joints."""
+_BETTER = 0.7
+"""Error of another reading of the torques over that as they are from which it is another
+convention: half of the squares. Signs and units change errors by far more; gains that are off by a
+third, which are an effect, by less."""
+_SHORT = 8.0
+"""Length of a recording, s, below which "nothing is missing" means nothing: joints have turned back
+only a few times by then."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointsModel(LeastSquaresModel[JointEffect]):
+    """Mean joint torques of blocks: rigid bodies, plain friction, effects.
+
+    tau = Y phi + F sign(q') + B q' + o + sum of effects; phi of links and payload by the URDF's
+    prior. Own parameters are [F, B, o of each joint, z].
+
+    Attributes:
+        samples: what was measured.
+        basis: of the bodies' parameters.
+        parts: own parameters.
+        effects: of the model. theta: their parameters.
+        catalogue: names of the effects that may be tried.
+        effort_std: (n,) noise of a block's mean torque, N m.
+        whitening: of the rows.
+        situation: that effects act on.
+    """
+
+    samples: JointSamples
+    basis: Basis
+    parts: Array
+    effects: tuple[JointEffect, ...]
+    theta: tuple[Array, ...]
+    catalogue: tuple[str, ...]
+    effort_std: Array
+    whitening: BandedWhitener
+    situation: Situation
+
+    @classmethod
+    def fit(
+        cls,
+        samples: JointSamples,
+        effects: Sequence[str] = (),
+        share: float | None = None,
+        known_load: float | None = None,
+    ) -> JointsModel:
+        """Fit bodies, friction and named effects.
+
+        Args:
+            samples: of one recording or several.
+            effects: names, with readings.
+            share: how far the URDF's bodies may be off; as the recording says if None.
+            known_load: mass of the payload, kg, if it was weighed.
+
+        Raises:
+            BadInputError: an effect is unknown.
+        """
+        if not samples.gains_known and not any(e.startswith(_GAIN) for e in effects):
+            effects = (f"{_GAIN}:all", *effects)
+        JOINTS.create_all([label.partition(":")[0] for label in effects])
+        prior, n = BodyPrior.of(samples.arm, known_load), len(samples.arm.names)
+        if samples.gains_known and find_reading(samples) is not None:
+            prior, share = prior.as_stated(), 1.0
+        situation = Situation(samples, samples.arm.inertia, np.zeros(10), np.zeros((3, n)))
+        effort_std = stated_noise(samples)
+        whitening = whitener(samples, effort_std, situation.friction[0])
+        basis = basis_of(samples, prior, share or USUAL_SHARE, whitening)
+        parts, names = np.zeros(basis.columns.shape[1]), JOINTS.names()
+        model = cls(samples, basis, parts, (), (), names, effort_std, whitening, situation)
+        model = model.refined()._with_labels(effects)
+        basis = basis_of(samples, prior, share or model._likeliest_share(prior), model.whitening)
+        return replace(model, basis=basis, parts=np.zeros(basis.columns.shape[1])).refined()
+
+    def _likeliest_share(self, prior: BodyPrior) -> float:
+        """How far the URDF's bodies are off, as the recording says beside friction and effects."""
+        own = len(self.parts)
+        friction, bodies = all_columns(self.samples)
+        white = -self.whiten(np.hstack([friction, bodies]))
+        effects = self.jacobian[:, own:]
+        at_urdf = self.residual - self.jacobian[:, :own] @ self.parts
+        wide = np.append(np.full(friction.shape[1], FRICTION_STD), self.prior_stds(self.effects))
+        columns = np.concatenate([white[:, : friction.shape[1]], effects], axis=1)
+        bodies = white[:, friction.shape[1] :]
+        return likeliest_share(prior, (columns, wide), bodies, at_urdf, self.dispersion)
+
+    def _with_labels(self, labels: Sequence[str]) -> JointsModel:
+        """The model with effects, each in the reading that is named or fits best.
+
+        Raises:
+            BadInputError: an effect has no such reading here.
+        """
+        model = self
+        for label in labels:
+            if "[" in label:
+                raise BadInputError(f"effect '{label}': no regimes here; leave the regime out")
+            name, _, reading = label.partition(":")
+            families = model.families_of(name)
+            wanted = name if reading == _ALL else label
+            own = [f for f in families if not reading or f.label == wanted]
+            if not own:
+                known = ", ".join(dict.fromkeys(f.label for f in families[: 2 * len(self.joints)]))
+                raise BadInputError(f"effect '{label}': no such reading; expected {known} ...")
+            tried = try_effect(model, screen(model, own), name, 1.0).model
+            assert isinstance(tried, JointsModel)
+            model = tried.refined()
+        return model
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints."""
+        return self.samples.arm.names
+
+    @property
+    def own(self) -> Array:
+        """(3 n + q,) friction and what the bodies are."""
+        return self.parts
+
+    @property
+    def own_names(self) -> Sequence[tuple[str, str, str]]:
+        """Friction of each joint, as a table of its name."""
+        kinds = (("coulomb", ""), ("viscous", " s/rad"), ("offset", ""))
+        return [
+            (joint, kind, f"{unit}{per}".replace("N s/rad", "N s/m"))
+            for kind, per in kinds
+            for joint, unit in zip(self.joints, self.samples.arm.units, strict=True)
+        ]
+
+    @cached_property
+    def time(self) -> Array:
+        """(K n,) s."""
+        return np.repeat(self.samples.time, len(self.joints))
+
+    @property
+    def measured(self) -> Array:
+        """(K n,) mean torques of blocks, N m."""
+        return self.samples.effort.reshape(-1)
+
+    def predict(self, x: Array, effects: Sequence[JointEffect]) -> Array:
+        """(K n,) the same for [own, theta ...]."""
+        own = len(self.parts)
+        found = self.basis.start + self.basis.columns @ x[:own]
+        for effect in effects:
+            count = len(effect.parameters())
+            found = found + effect.torque(self.situation, x[own : own + count]).reshape(-1)
+            own += count
+        return np.asarray(found)
+
+    @cached_property
+    def _own_white(self) -> Array:
+        return self.whiten(self.basis.columns)
+
+    def evaluate(self, x: Array, effects: tuple[JointEffect, ...]) -> tuple[Array, Array]:
+        """White residual and its derivative."""
+        own, blocks = len(self.parts), [-self._own_white]
+        for effect in effects:
+            count = len(effect.parameters())
+            by_theta = effect.jacobian(self.situation, x[own : own + count])
+            blocks.append(-self.whiten(by_theta.reshape(len(self.time), count)))
+            own += count
+        return self.whiten(self.lack(x, effects)), np.concatenate(blocks, axis=1)
+
+    def prior_rows(self, effects: tuple[JointEffect, ...]) -> tuple[Array, Array]:
+        """Friction hardly known, directions of the bodies as in the URDF, effects by their own."""
+        friction = np.full(3 * len(self.joints), FRICTION_STD)
+        stds = np.concatenate(
+            [friction, np.ones(len(self.parts) - len(friction)), self.prior_stds(effects)]
+        )
+        return np.diag(1.0 / stds), np.zeros(len(stds))
+
+    def whiten(self, rows: Array) -> Array:
+        """White form of rows (K n, ...)."""
+        return self.whitening.whiten(rows)
+
+    def draw_noise(self, random: np.random.Generator) -> Array:
+        """(K n,) one draw of noise of sensors, accelerations and reversals."""
+        return self.whitening.colour(random.normal(size=len(self.time)))
+
+    @cached_property
+    def noise_level(self) -> float:
+        """Mean logarithm of the standard deviations."""
+        return float(np.mean(np.log(self.whitening.band[0])))
+
+    def convention(self) -> Convention | None:
+        """Another reading of the torques, by the URDF's masses, that fits far better."""
+        reading = find_reading(self.samples)
+        if reading is None:
+            return None
+        labels = [effect.label for effect in self.effects]
+        model = JointsModel.fit(reread(self.samples, reading), labels)
+        after = held_out(model).rms
+        if after > _BETTER * held_out(self).rms:
+            return None
+        return Convention(reading.name, reading.change, model, after)
+
+    @property
+    def too_short(self) -> str:
+        """Why a short recording cannot show that nothing is missing."""
+        lasts = len(self.samples.time) * self.samples.length
+        if lasts >= _SHORT:
+            return ""
+        return f"the recording has {lasts:.0f} s of motion; record {_SHORT:.0f} s at least"
+
+    @property
+    def friction(self) -> Array:
+        """(3, n) Coulomb friction, viscous friction, offset."""
+        return self.parts[: 3 * len(self.joints)].reshape(3, -1)
+
+    @cached_property
+    def bodies(self) -> Array:
+        """(P,) dynamic parameters of links and payload, links in their own frames."""
+        return self.basis.mean + self.basis.back @ self.parts[3 * len(self.joints) :]
+
+    @property
+    def drive_gains(self) -> Array:
+        """(n,) how much each torque reads over what it is, by the effect of gains; 1 without."""
+        found = np.ones(len(self.joints))
+        for effect, theta in zip(self.effects, self.theta, strict=True):
+            if isinstance(effect, TorqueGain):
+                found[list(effect.which)] += theta
+        return found
+
+    @property
+    def link_bodies(self) -> Array:
+        """(n, 10) dynamic parameters of the links in their own frames."""
+        return self.bodies[:-10].reshape(-1, 10)
+
+    @property
+    def payload(self) -> Array:
+        """(10,) dynamic parameters of the payload in the last link's frame."""
+        return np.asarray(self.samples.arm.to_last_link @ self.bodies[-10:])
+
+    def bodies_covariance(self) -> Array:
+        """(P, P) of `bodies`, widened by the misfit; the prior's where nothing is told."""
+        first, kept, root = 3 * len(self.joints), self.basis.kept, self.basis.root
+        last = len(self.parts)
+        told = self.covariance[first:last, first:last]
+        whole = np.eye(len(root)) - kept @ kept.T + kept @ told @ kept.T
+        return np.asarray(root @ whole @ root.T)
+
+    @property
+    def covariance(self) -> Array:
+        """(p, p) of all parameters, widened by the misfit and by how far it is correlated."""
+        whole = self.evaluated[1]
+        return np.asarray(self.dispersion * np.linalg.inv(whole.T @ whole))
+
+    @cached_property
+    def dispersion(self) -> float:
+        """Factor on variances: mean square of the residual times its correlation time."""
+        return dispersion(self.residual.reshape(-1, len(self.joints)), self.samples.length)
+
+    def parameters_of(self, effect: JointEffect) -> tuple[EffectParameter, ...]:
+        """Parameters of an effect."""
+        return effect.parameters()
+
+    def with_parameters(
+        self, own: Array, effects: tuple[JointEffect, ...], theta: tuple[Array, ...]
+    ) -> JointsModel:
+        """The model at other parameters, at the same whitening."""
+        return replace(self, parts=own, effects=effects, theta=theta)
+
+    def effect_named(self, name: str) -> JointEffect:
+        """An effect of the catalogue, or the reading of it that the model has."""
+        own = next((effect for effect in self.effects if effect.name == name), None)
+        return own or JOINTS.create(name)
+
+    def is_possible(self, name: str) -> bool:
+        """Whether all parameters of an effect are within their bounds, or chance from them."""
+        table = super().parameters()[name]
+        return are_allowed(self.effect_named(name).parameters(), list(table.values()))
+
+    def parameters(self) -> ParameterTable:
+        """Friction of each joint and effects; shapes as they are, in place of logarithms."""
+        table = super().parameters()
+        for effect in self.effects:
+            scales = effect.scales()
+            table[effect.name] = {
+                scales[key][0] if key in scales else key: in_units(entry, scales.get(key))
+                for key, entry in table[effect.name].items()
+            }
+        return table
+
+    def sentence(self, name: str) -> str:
+        """What an effect does, and on which joints."""
+        effect = self.effect_named(name)
+        where = effect.where(self.joints) if effect in self.effects else ""
+        return effect.sentence + f" ({where})" * bool(where)
+
+    def refined(self) -> JointsModel:
+        """Fit again with noise, load and friction at what is found."""
+        model = self
+        for _ in range(_ROUNDS):
+            fitted = model.fitted_from(model.effects, model.theta)
+            situation = Situation(
+                fitted.samples, fitted.link_bodies, fitted.payload, fitted.friction
+            )
+            white = fitted.residual.reshape(-1, len(fitted.joints))
+            effort_std = seen_noise(fitted.samples, fitted.effort_std, white)
+            whitening = whitener(fitted.samples, effort_std, situation.friction[0])
+            model = replace(fitted, situation=situation, effort_std=effort_std, whitening=whitening)
+        return model.fitted_from(model.effects, model.theta)
+
+    def families_of(self, name: str) -> list[Family]:
+        """Families of all readings of an effect; those of one group share columns."""
+        effect, found = JOINTS.create(name), []
+        searched = len(effect.grid) if isinstance(effect, TorqueRipple) else 1
+        if isinstance(effect, TorqueRipple):
+            left = self.lack(self.x, self.effects).reshape(-1, len(self.joints))
+            groups = effect.strongest(self.situation, left)
+        else:
+            groups = effect.groups(self.situation)
+        alike = [len(reading.kept) for one in groups for reading in one.readings]
+        for group in groups:
+            columns = self.whiten(group.columns.reshape(len(self.time), -1))
+            found += [
+                Family(
+                    name,
+                    reading.label,
+                    group.reading,
+                    columns,
+                    reading.kept,
+                    alike.count(len(reading.kept)) * searched,
+                    reading.effect,
+                )
+                for reading in group.readings
+            ]
+        return found
+
+    def guess(self, family: Family, coefficients: Array) -> Array:
+        """Start of an effect's parameters."""
+        return np.asarray(family.source.start(coefficients))
+
+    def residuals(self) -> Residuals:
+        """Residuals of each joint, with its speed, direction and position, and the time."""
+        samples = self.samples
+        return Residuals(
+            time=samples.time,
+            white=self.residual.reshape(-1, len(self.joints)),
+            physical=self.lack(self.x, self.effects).reshape(-1, len(self.joints)),
+            channels=self.joints,
+            units=samples.arm.units,
+            conditions=conditions_of(samples),
+            drivers=np.concatenate([*samples.middle, np.sign(samples.middle[1])], axis=1),
+            alone="rigid links and friction",
+            about="The model predicts the torques of an arm's drives from its motion: rigid links "
+            "near their URDF, a payload, and Coulomb and viscous friction and an offset of each "
+            "joint.",
+        )
+
+    def plan_against(self, rivals: Sequence[JointsModel]) -> dict[str, Any] | None:
+        """None: no motion is planned."""
+        return None

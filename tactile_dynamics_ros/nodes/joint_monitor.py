@@ -1,0 +1,149 @@
+"""Node: torques and wrench of the world on an arm without a wrist sensor, by its joint torques."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import WrenchStamped
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool, String
+
+from tactile_dynamics_ros.core.configuration import parameter
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.joints.arm import Arm
+from tactile_dynamics_ros.core.joints.known import KnownArm
+from tactile_dynamics_ros.core.joints.live import ExternalTorque, JointMonitor, MonitorConfig
+from tactile_dynamics_ros.core.reading import read_text
+from tactile_dynamics_ros.ros.conversions import MessageError, wrench_to_message
+from tactile_dynamics_ros.ros.diagnostics import status_message
+from tactile_dynamics_ros.ros.inputs import Need
+from tactile_dynamics_ros.ros.names import (
+    JOINT_STATES,
+    MONITOR_EXTERNAL,
+    MONITOR_MODEL,
+    MONITOR_STATUS,
+    MONITOR_VALID,
+    MONITOR_WRENCH,
+    MONITOR_WRENCH_STD,
+    ROBOT_DESCRIPTION,
+)
+from tactile_dynamics_ros.ros.parameters import declare_config
+from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
+from tactile_dynamics_ros.ros.stream_clock import StreamClock
+from tactile_dynamics_ros.ros.wire import Joints, encode_joint_state, to_stamp
+
+
+@dataclass(frozen=True)
+class JointMonitorConfig:
+    """Which arm it is, and its model."""
+
+    model: str = parameter("", "file of `estimate --save` of a recording of this arm")
+    urdf: str = parameter("", "URDF of the arm; empty: as on robot_description")
+    rate_hz: float = parameter(25.0, "rate of the answers", "Hz", 1.0, 200.0)
+
+
+class JointMonitorNode(Shell):
+    """Publishes model torque, external torque, and the wrench at the flange, with their doubts."""
+
+    def __init__(self) -> None:
+        super().__init__("joint_monitor")
+        config = declare_config(self, JointMonitorConfig)
+        self._averaging = declare_config(self, MonitorConfig)
+        self._known = _read_known(config.model) if config.model else None
+        if self._known is None:
+            self.get_logger().warning("parameter model is empty; give a file of `estimate --save`")
+        self.monitor: JointMonitor | None = None
+        self._told = -np.inf
+        self._time = StreamClock(self)
+        self._time.on_move.append(self._begin_anew)
+        if config.urdf:
+            self._on_urdf(read_text(Path(config.urdf), "a URDF"))
+        else:
+            self.listen(String, ROBOT_DESCRIPTION, lambda m: self._on_urdf(m.data), LATCHED)
+        self.listen(JointState, JOINT_STATES, self._on_joints, need=Need.ALWAYS)
+        self._model = self.stream(JointState, MONITOR_MODEL)
+        self._external = self.stream(JointState, MONITOR_EXTERNAL)
+        self._wrench = self.stream(WrenchStamped, MONITOR_WRENCH)
+        self._wrench_std = self.stream(WrenchStamped, MONITOR_WRENCH_STD)
+        self._valid = self.latched(Bool, MONITOR_VALID)
+        self._status = self.latched(DiagnosticArray, MONITOR_STATUS)
+        self.every(1.0 / config.rate_hz, self._tell)
+
+    def _on_urdf(self, text: str) -> None:
+        if self._known is None or self.monitor is not None:
+            return
+        arm = Arm.from_urdf(text, self._known.joints, ROBOT_DESCRIPTION)
+        self.monitor = JointMonitor(arm, self._known, self._averaging)
+        for name in self.monitor.left_out:
+            self.get_logger().warning(f"effect {name} depends on the past; it is left out live")
+
+    def _begin_anew(self) -> None:
+        self._told = -np.inf
+
+    def _on_joints(self, message: Joints) -> None:
+        if self.monitor is None or not set(self.monitor.arm.names) <= set(message.names):
+            return
+        if len(message.efforts) != len(message.names):
+            raise MessageError(
+                "no_effort", f"{JOINT_STATES}: no effort; expected one of each joint"
+            )
+        places = [message.names.index(name) for name in self.monitor.arm.names]
+        position, effort = message.positions[places], message.efforts[places]
+        if not (np.isfinite(position).all() and np.isfinite(effort).all()):
+            raise MessageError("not_finite", f"{JOINT_STATES}: a position or effort is no number")
+        self.monitor.add(self._time.admit(message.stamp, JOINT_STATES), position, effort)
+
+    def _tell(self) -> None:
+        found = None if self.monitor is None else self.monitor.latest()
+        if self.monitor is None or found is None or found.time <= self._told:
+            return
+        self._told = found.time
+        names, stamp = self.monitor.arm.names, to_stamp(found.time)
+        nothing = np.zeros(0)
+        for publisher, torque in ((self._model, found.predicted), (self._external, found.external)):
+            publisher.publish(encode_joint_state(names, stamp, nothing, effort=torque))
+        frame = self.monitor.arm.flange
+        self._wrench.publish(wrench_to_message(found.wrench, found.time, frame))
+        self._wrench_std.publish(wrench_to_message(found.wrench_std, found.time, frame))
+        self._valid.publish(Bool(data=not found.doubt))
+        self._status.publish(self._status_of(names, found))
+
+    def _status_of(self, names: tuple[str, ...], found: ExternalTorque) -> DiagnosticArray:
+        touched = [names[j] for j in found.touched(self._averaging.significance)]
+        if found.doubt:
+            level, text = DiagnosticStatus.WARN, found.doubt
+        elif touched:
+            level, text = DiagnosticStatus.OK, f"something touches the arm: {', '.join(touched)}"
+        else:
+            level, text = DiagnosticStatus.OK, "nothing touches the arm beyond noise"
+        pairs = zip(names, found.external, found.std, strict=True)
+        values: dict[str, object] = {"touched": ",".join(touched)}
+        for name, torque, std in pairs:
+            values |= {name: float(torque), f"{name}_std": float(std)}
+        message = DiagnosticArray(status=[status_message("external", values, level, text)])
+        message.header.stamp = self.get_clock().now().to_msg()
+        return message
+
+
+def _read_known(path: str) -> KnownArm:
+    """Read the model of an arm.
+
+    Raises:
+        BadInputError: it cannot be read, or is something else.
+    """
+    try:
+        document = json.loads(read_text(Path(path), "a model of an arm"))
+    except json.JSONDecodeError as error:
+        raise BadInputError(
+            f"{path}: no JSON ({error}); give a file of `estimate --save`"
+        ) from error
+    return KnownArm.from_document(document, path)
+
+
+def main() -> int:
+    """Run the node."""
+    return run_node(JointMonitorNode)
