@@ -23,7 +23,7 @@ from tactile_dynamics_ros.core.errors import (
     NotIdentifiableError,
     TactileDynamicsError,
 )
-from tactile_dynamics_ros.core.weighing.arm import Arm
+from tactile_dynamics_ros.core.weighing.arm import SerialArm
 from tactile_dynamics_ros.core.weighing.excitation import (
     WeighingConfig,
     WeighingMotion,
@@ -233,7 +233,7 @@ class WeigherNode(Shell):
             measured[letter].append(keep(self.arm_motion.taken.after_lead(), arm, sign, path))
         yield from self._estimate(measured, folder, wanted)
 
-    def _await_arm(self) -> Generator[None, None, Arm]:
+    def _await_arm(self) -> Generator[None, None, SerialArm]:
         """Return the arm when joints, sensor, controller and URDF are there."""
         deadline = time.monotonic() + DISCOVERY
         while True:
@@ -245,17 +245,17 @@ class WeigherNode(Shell):
                     raise
             yield
 
-    def _arm(self) -> Arm:
+    def _arm(self) -> SerialArm:
         """Return the arm from its URDF and the frame of the sensor."""
         if not self._urdf:
             raise NotIdentifiableError(f"no URDF on {ROBOT_DESCRIPTION} yet")
         tip = self.config.sensor or self.arm_motion.frame
         if not tip:
             raise NotIdentifiableError("the sensor's messages name no frame; set parameter sensor")
-        base = self.config.base or Arm.root_of(self._urdf)
-        return Arm.of_urdf(self._urdf, base, tip, what=ROBOT_DESCRIPTION)
+        base = self.config.base or SerialArm.root_of(self._urdf)
+        return SerialArm.of_urdf(self._urdf, base, tip, what=ROBOT_DESCRIPTION)
 
-    def _design(self, arm: Arm, wanted: Wanted) -> Generator[None, None, WeighingMotion]:
+    def _design(self, arm: SerialArm, wanted: Wanted) -> Generator[None, None, WeighingMotion]:
         start = self.arm_motion.position_of(arm.names)
         share = wanted.speed_share or self.limits.speed_share
         limits = replace(self.limits, speed_share=share)
@@ -265,11 +265,11 @@ class WeigherNode(Shell):
         self._show(arm, motion)
         return motion
 
-    def _show(self, arm: Arm, motion: WeighingMotion) -> None:
+    def _show(self, arm: SerialArm, motion: WeighingMotion) -> None:
         """Publish the motion, and the way of the sensor for RViz."""
         times, positions, velocities = motion.table(10.0)
         self._shown.publish(trajectory_message(motion.names, times, positions, velocities))
-        base = self.config.base or Arm.root_of(self._urdf)
+        base = self.config.base or SerialArm.root_of(self._urdf)
         self._markers.publish(way_markers(arm.tip_poses(positions)[:, :3, 3], base))
 
     def _move(self, motion: WeighingMotion, number: int, count: int) -> Story:

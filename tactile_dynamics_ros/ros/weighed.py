@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
-from tactile_dynamics_ros.core.weighing.arm import Arm
+from tactile_dynamics_ros.core.weighing.arm import SerialArm
 from tactile_dynamics_ros.recording.bag_writer import write_bag
 from tactile_dynamics_ros.recording.recording import Recording
 from tactile_dynamics_ros.ros.arm_motion import Taken
@@ -53,7 +53,7 @@ def new_folder(parent: str) -> Path:
     return folder
 
 
-def keep(taken: Taken, arm: Arm, sign: float, path: Path) -> Path:
+def keep(taken: Taken, arm: SerialArm, sign: float, path: Path) -> Path:
     """Write a motion's measurements as a recording of one object on a wrist sensor.
 
     The object's frame is the sensor's; the arm's joints say how it moves.

@@ -9,7 +9,7 @@ import pytest
 
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor
-from tactile_dynamics_ros.core.weighing.arm import Arm
+from tactile_dynamics_ros.core.weighing.arm import SerialArm
 from tactile_dynamics_ros.core.weighing.clearance import Plane, nearest
 from tactile_dynamics_ros.core.weighing.excitation import WeighingConfig, plan_weighing
 
@@ -32,7 +32,7 @@ LINKS = """<robot name="two">
 
 
 def two_links(urdf=LINKS):
-    return Arm.of_urdf(urdf, "base", "tip")
+    return SerialArm.of_urdf(urdf, "base", "tip")
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +45,7 @@ def simulated():
 
 @pytest.fixture(scope="module")
 def iiwa(simulated):
-    return Arm.of_urdf(simulated.urdf, "lbr_iiwa_link_0", "wrist_sensor")
+    return SerialArm.of_urdf(simulated.urdf, "lbr_iiwa_link_0", "wrist_sensor")
 
 
 def test_the_tip_is_where_bullet_has_it(simulated, iiwa):
@@ -144,7 +144,7 @@ def test_the_simulated_sensor_reads_what_a_rigid_body_does():
         waves = 0.3 * np.sin(np.outer(time, np.linspace(2.0, 5.0, 7)))
         arm.follow(list(arm.names), time, np.array(arm._target) + waves, np.zeros_like(waves))
         rows = [arm.advance() for _ in range(1200)]
-        model = Arm.of_urdf(arm.urdf, "lbr_iiwa_link_0", "wrist_sensor")
+        model = SerialArm.of_urdf(arm.urdf, "lbr_iiwa_link_0", "wrist_sensor")
         mass, moment = carried_by(arm, True)
     pose = model.tip_poses(np.array([row.position for row in rows]))
     turn, place = pose[:, :3, :3], pose[:, :3, 3]

@@ -46,7 +46,7 @@ class Hull:
 
 
 @dataclass(frozen=True, eq=False)
-class Arm:
+class SerialArm:
     """Joints from a base to a tip, and what moves with them.
 
     Body 0 is the base, body k what joint k moves; its frame is that of the joint's child link.
@@ -66,7 +66,9 @@ class Arm:
     unknown: tuple[str, ...] = ()
 
     @classmethod
-    def of_urdf(cls, urdf: str, base: str, tip: str, folder: str = "", what: str = "URDF") -> Arm:
+    def of_urdf(
+        cls, urdf: str, base: str, tip: str, folder: str = "", what: str = "URDF"
+    ) -> SerialArm:
         """Read an arm.
 
         Args:
@@ -128,7 +130,7 @@ class Arm:
         """Return the pose of the tip in the base, (N, 4, 4), at joint positions (N, J)."""
         return np.asarray(self.poses(positions)[:, -1] @ self.tip)
 
-    def carrying(self, reach: float, radius: float) -> Arm:
+    def carrying(self, reach: float, radius: float) -> SerialArm:
         """Return the arm with a cylinder on its tip for what it carries.
 
         Args:

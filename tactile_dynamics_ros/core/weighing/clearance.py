@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.weighing.arm import Arm, Hull
+from tactile_dynamics_ros.core.weighing.arm import Hull, SerialArm
 
 Array = NDArray[np.float64]
 
@@ -58,7 +58,7 @@ class Nearest:
 
 
 def nearest(
-    arm: Arm, planes: tuple[Plane, ...], positions: Array, start: Array, margin: float
+    arm: SerialArm, planes: tuple[Plane, ...], positions: Array, start: Array, margin: float
 ) -> Nearest:
     """Return the tightest place of a motion.
 

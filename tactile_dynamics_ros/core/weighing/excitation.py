@@ -18,7 +18,7 @@ from tactile_dynamics_ros.core.inertia.excitation.trajectory import (
 )
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor
-from tactile_dynamics_ros.core.weighing.arm import Arm
+from tactile_dynamics_ros.core.weighing.arm import SerialArm
 from tactile_dynamics_ros.core.weighing.clearance import Nearest, Plane, nearest
 
 Array = NDArray[np.float64]
@@ -163,7 +163,7 @@ class WeighingMotion:
         }
 
 
-def plan_weighing(arm: Arm, start: Array, config: WeighingConfig) -> WeighingMotion:
+def plan_weighing(arm: SerialArm, start: Array, config: WeighingConfig) -> WeighingMotion:
     """Design a motion that starts and ends where the arm is.
 
     Minimises tr(G Cov), the expected squared affine-invariant distance to the truth of a body on a
@@ -208,7 +208,7 @@ def plan_weighing(arm: Arm, start: Array, config: WeighingConfig) -> WeighingMot
     )
 
 
-def _require_known(arm: Arm, start: Array, config: WeighingConfig) -> None:
+def _require_known(arm: SerialArm, start: Array, config: WeighingConfig) -> None:
     unknown = [text for text in arm.unknown if text.split()[0] not in config.ignored_links]
     if unknown:
         raise BadInputError(
@@ -231,7 +231,7 @@ def _rates(motion: FourierOffsets, time: Array) -> Array:
 
 
 def _within_limits(
-    arm: Arm, start: Array, motion: FourierOffsets, config: WeighingConfig, time: Array
+    arm: SerialArm, start: Array, motion: FourierOffsets, config: WeighingConfig, time: Array
 ) -> FourierOffsets:
     """Scale each joint to its amplitude, range, speed and acceleration, and all to the tip's speed.
 
@@ -261,7 +261,9 @@ def _within_limits(
     return fitted.scaled(min(1.0, config.tip_speed / max(fastest, tiny)))
 
 
-def _flange_motion(arm: Arm, start: Array, motion: FourierOffsets, time: Array) -> ObjectMotion:
+def _flange_motion(
+    arm: SerialArm, start: Array, motion: FourierOffsets, time: Array
+) -> ObjectMotion:
     """Return the kinematics of the tip."""
 
     def poses(times: Array) -> tuple[Array, Array]:
@@ -298,7 +300,7 @@ def _expected_std(seen: ObjectMotion) -> Array:
 
 
 def _keep_clear(
-    arm: Arm, start: Array, motion: FourierOffsets, config: WeighingConfig
+    arm: SerialArm, start: Array, motion: FourierOffsets, config: WeighingConfig
 ) -> tuple[FourierOffsets, Nearest, float]:
     """Make a motion smaller until it keeps clear.
 
