@@ -381,15 +381,15 @@ class JointsModel(LeastSquaresModel[JointEffect]):
         return np.asarray(family.source.start(coefficients))
 
     def residuals(self) -> Residuals:
-        """Residuals of each joint, with its speed, direction and position, and the time."""
-        samples = self.samples
+        """Residuals of each joint, with what the joints that err most did, and the time."""
+        samples, white = self.samples, self.residual.reshape(-1, len(self.joints))
         return Residuals(
             time=samples.time,
-            white=self.residual.reshape(-1, len(self.joints)),
+            white=white,
             physical=self.lack(self.x, self.effects).reshape(-1, len(self.joints)),
             channels=self.joints,
             units=samples.arm.units,
-            conditions=conditions_of(samples),
+            conditions=conditions_of(samples, white),
             drivers=np.concatenate([*samples.middle, np.sign(samples.middle[1])], axis=1),
             alone="rigid links and friction",
             about="The model predicts the torques of an arm's drives from its motion: rigid links "
