@@ -236,8 +236,7 @@ class JointsModel(LeastSquaresModel[JointEffect]):
         reading = find_reading(self.samples)
         if reading is None:
             return None
-        labels = [effect.label for effect in self.effects]
-        model = JointsModel.fit(reread(self.samples, reading), labels)
+        model = JointsModel.fit(reread(self.samples, reading), [e.label for e in self.effects])
         after = held_out(model).rms
         if after > _BETTER * held_out(self).rms:
             return None
@@ -341,9 +340,7 @@ class JointsModel(LeastSquaresModel[JointEffect]):
         model = self
         for _ in range(_ROUNDS):
             fitted = model.fitted_from(model.effects, model.theta)
-            situation = Situation(
-                fitted.samples, fitted.link_bodies, fitted.payload, fitted.friction
-            )
+            situation = Situation(self.samples, fitted.link_bodies, fitted.payload, fitted.friction)
             white = fitted.residual.reshape(-1, len(fitted.joints))
             effort_std = seen_noise(fitted.samples, fitted.effort_std, white)
             whitening = whitener(fitted.samples, effort_std, situation.friction[0])
