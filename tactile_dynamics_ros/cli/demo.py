@@ -89,6 +89,12 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         help="an arm without a hand weighs its tool and a load, and tells its controller",
     )
     parser.add_argument(
+        "--joints",
+        action="store_true",
+        help="an arm without a wrist sensor instead, by its joint torques: which effect of its "
+        "joints is missing (--hidden), and what it carries",
+    )
+    parser.add_argument(
         "--out",
         type=folder_to_write,
         metavar="DIR",
@@ -108,6 +114,8 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
 def run(args: Namespace) -> int:
     """Play the story; afterwards everything is stopped."""
     started = time.monotonic()
+    if args.joints:
+        return _run_joints(args)
     require_simulator()
     if args.view:
         require_viser()
@@ -172,6 +180,18 @@ def _new_folder(args: Namespace) -> Path:
     refuse_existing(out / "recording")
     out.mkdir(parents=True, exist_ok=True)
     return out
+
+
+def _run_joints(args: Namespace) -> int:
+    """Play the story of an arm without a wrist sensor."""
+    from tactile_dynamics_ros.cli.demo_joints import HIDDEN, play
+
+    size = 1.0 if args.magnitude is None else args.magnitude
+    out, say = _new_folder(args), _Speaker(quiet=args.json)
+    told = play(args.hidden or HIDDEN, size, args.seed, out, say)
+    if args.json:
+        print(json.dumps(told))
+    return 0
 
 
 def _run_planar(args: Namespace) -> int:

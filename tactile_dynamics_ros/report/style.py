@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from os.path import commonprefix
 from typing import Any
 
 import matplotlib as mpl
@@ -20,6 +21,8 @@ AXIS_COLOURS = {"x": RED, "y": GREEN, "z": BLUE}
 WIDTH = 9.0
 DPI = 130
 MOST_POINTS = 1500
+_FEW_LABELS = 4
+"""Names in a legend that are written out; of more that begin alike only the first is."""
 
 _PARAMETERS: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
@@ -86,11 +89,12 @@ def thinning(count: int) -> slice:
 
 
 def label_lines(axes: Axes, labels: Sequence[str], **options: Any) -> None:
-    """Add a legend in one row above the right end of the axes."""
+    """Add a legend in one row above the right end of the axes; many names of one kind are cut."""
     handles, _ = axes.get_legend_handles_labels()
+    same = len(commonprefix(labels)) if len(labels) > _FEW_LABELS else 0
     axes.legend(
         handles[: len(labels)],
-        labels,
+        [labels[0], *(label[same:] or label for label in labels[1:])],
         loc="lower right",
         bbox_to_anchor=(1.0, 1.0),
         ncols=len(labels),

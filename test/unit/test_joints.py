@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -321,3 +322,13 @@ def test_two_recordings_of_one_arm_tell_more_than_one(clean):
     first = 3 * len(both.joints)
     spread = [np.sqrt(np.diag(m.covariance)[:first]) for m in (both, alone)]
     assert np.median(spread[0] / spread[1]) < 0.85
+
+
+def test_the_demo_tells_the_story_from_the_error_to_the_payload(tmp_path, capsys):
+    assert main(["demo", "--joints", "--seed", "3", "--out", str(tmp_path / "demo"), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["explanation"]["effects"] == ["load_dependent_friction"]
+    before, after = (told["payload"][key]["mass"] for key in ("before", "with the effects"))
+    assert abs(after["value"] - 2.5) < 3.0 * after["std"] < abs(before["value"] - 2.5)
+    assert told["live_error"]["with the effects"] < 0.7 * told["live_error"]["before"]
+    assert Path(told["report"]).is_file()

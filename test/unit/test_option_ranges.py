@@ -68,6 +68,7 @@ TEXT_OPTIONS = {
 }
 """Options without a range, by name: what they hold instead of a number."""
 SIGNED = {
+    "excite --floor",
     "push --goal",
     "push --from",
     "push --to",

@@ -236,8 +236,7 @@ class JointsModel(LeastSquaresModel[JointEffect]):
         reading = find_reading(self.samples)
         if reading is None:
             return None
-        labels = [effect.label for effect in self.effects]
-        model = JointsModel.fit(reread(self.samples, reading), labels)
+        model = JointsModel.fit(reread(self.samples, reading), [e.label for e in self.effects])
         after = held_out(model).rms
         if after > _BETTER * held_out(self).rms:
             return None
@@ -341,9 +340,7 @@ class JointsModel(LeastSquaresModel[JointEffect]):
         model = self
         for _ in range(_ROUNDS):
             fitted = model.fitted_from(model.effects, model.theta)
-            situation = Situation(
-                fitted.samples, fitted.link_bodies, fitted.payload, fitted.friction
-            )
+            situation = Situation(self.samples, fitted.link_bodies, fitted.payload, fitted.friction)
             white = fitted.residual.reshape(-1, len(fitted.joints))
             effort_std = seen_noise(fitted.samples, fitted.effort_std, white)
             whitening = whitener(fitted.samples, effort_std, situation.friction[0])
@@ -381,15 +378,15 @@ class JointsModel(LeastSquaresModel[JointEffect]):
         return np.asarray(family.source.start(coefficients))
 
     def residuals(self) -> Residuals:
-        """Residuals of each joint, with its speed, direction and position, and the time."""
-        samples = self.samples
+        """Residuals of each joint, with what the joints that err most did, and the time."""
+        samples, white = self.samples, self.residual.reshape(-1, len(self.joints))
         return Residuals(
             time=samples.time,
-            white=self.residual.reshape(-1, len(self.joints)),
+            white=white,
             physical=self.lack(self.x, self.effects).reshape(-1, len(self.joints)),
             channels=self.joints,
             units=samples.arm.units,
-            conditions=conditions_of(samples),
+            conditions=conditions_of(samples, white),
             drivers=np.concatenate([*samples.middle, np.sign(samples.middle[1])], axis=1),
             alone="rigid links and friction",
             about="The model predicts the torques of an arm's drives from its motion: rigid links "

@@ -67,6 +67,7 @@ class JointSamples:
         lags: (3,) covariance of mean accelerations of blocks 0, 1 and 2 apart, for unit noise.
         follows: (K - 1,) whether a block follows the one before at once.
         speed_std: standard deviation of a speed for unit noise of positions.
+        lead: (2, B, n) position and speed in the block before the first.
         loaded: (K,) whether the arm carried the payload then.
         gains_known: whether torques are N m; if not, by a factor for each joint.
     """
@@ -85,6 +86,7 @@ class JointSamples:
     lags: Array
     follows: NDArray[np.bool_]
     speed_std: float
+    lead: Array
     loaded: NDArray[np.bool_]
     gains_known: bool = True
 
@@ -146,6 +148,7 @@ class JointSamples:
         lags, speed_std = _noise_of_motion(even, count, 1.5 * length)
         white = [white_noise_std(time, one[:, None]) for one in (*effort.T, *position.T)]
         q, dq, ddq = _evaluate(found, time[inside] - middle[:, None], 1.5 * length)
+        before = time[starts[0] - count : starts[0]] - middle[0]
         return cls(
             arm=arm,
             time=middle - time[0],
@@ -161,6 +164,7 @@ class JointSamples:
             lags=lags,
             follows=np.diff(starts) == count,
             speed_std=speed_std,
+            lead=_evaluate(found[:1], before[None], 1.5 * length)[:2, 0],
             loaded=np.ones(len(middle), dtype=bool),
         )
 
@@ -252,7 +256,8 @@ class JointSamples:
     def since_reversal(self) -> Array:
         """(K, B, n) distance travelled since the last change of direction, rad; infinite before."""
         count, size, n = self.q.shape
-        q, sign = self.q.reshape(-1, n), np.sign(self.dq.reshape(-1, n))
+        q = np.concatenate([self.lead[0], self.q.reshape(-1, n)])
+        sign = np.sign(np.concatenate([self.lead[1], self.dq.reshape(-1, n)]))
         found = np.full(q.shape, np.inf)
         for j in range(n):
             turns = np.flatnonzero(sign[1:, j] * sign[:-1, j] < 0.0) + 1
@@ -260,7 +265,7 @@ class JointSamples:
                 last = np.searchsorted(turns, np.arange(len(q)), side="right") - 1
                 known = last >= 0
                 found[known, j] = np.abs(q[known, j] - q[turns[last[known]], j])
-        return found.reshape(count, size, n)
+        return found[size:].reshape(count, size, n)
 
 
 def _block_starts(time: Array, count: int, gap: float) -> NDArray[np.intp]:

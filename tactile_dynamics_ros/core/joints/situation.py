@@ -15,6 +15,8 @@ from tactile_dynamics_ros.core.joints.samples import JointSamples
 
 Array = NDArray[np.float64]
 
+_MOST_JOINTS = 3
+"""Joints whose motion errors are held against: more would find by chance what goes together."""
 _WINDOW, _DEGREE = 11, 4
 """Blocks over which loads are smoothed, and the degree of their polynomials: 0.44 s follow a motion
 of 1.5 Hz to 3 %; half as long, noise of accelerations passed for elasticity in two of six clean
@@ -115,7 +117,7 @@ def _smoothed(values: Array, samples: JointSamples) -> Array:
     block would find it there.
     """
     if len(values) <= _WINDOW:
-        return np.zeros((3, *values.shape))
+        return np.stack([values, np.zeros_like(values), np.zeros_like(values)])
     broken = np.flatnonzero(~samples.follows)
     near = np.abs(np.arange(len(values))[:, None] - broken - 0.5).min(axis=1, initial=np.inf)
     found = [
@@ -125,11 +127,17 @@ def _smoothed(values: Array, samples: JointSamples) -> Array:
     return np.asarray(np.stack(found) * (near > 0.5 * _WINDOW)[:, None])
 
 
-def conditions_of(samples: JointSamples) -> tuple[Condition, ...]:
-    """What was going on: time; speed, velocity and position of each joint."""
+def conditions_of(samples: JointSamples, white: Array) -> tuple[Condition, ...]:
+    """What was going on: time; speed, velocity and position of the joints that err most.
+
+    Args:
+        samples: blocks.
+        white: (K, n) residual.
+    """
     q, dq, _ = samples.middle
     found = [Condition("time", "s", samples.time, symbol="t")]
-    for j, name in enumerate(samples.arm.names):
+    for j in np.argsort(-np.mean(white**2, axis=0), kind="stable")[:_MOST_JOINTS]:
+        name = samples.arm.names[j]
         found.append(Condition(f"speed of {name}", "rad/s", np.abs(dq[:, j])))
         found.append(Condition(f"velocity of {name}", "rad/s", dq[:, j]))
         found.append(Condition(f"position of {name}", "rad", q[:, j]))

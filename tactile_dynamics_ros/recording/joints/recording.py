@@ -18,12 +18,11 @@ from tactile_dynamics_ros.core.streams.joint_streams import JointStreams
 from tactile_dynamics_ros.recording.bag_files import read_messages, recorded_types
 from tactile_dynamics_ros.recording.bag_writer import write_tables
 from tactile_dynamics_ros.recording.cleaning import ranked_lines
-from tactile_dynamics_ros.recording.importers.joint_angles import ROBOT_DESCRIPTION, urdf_text
-from tactile_dynamics_ros.recording.importers.tables.table import read_table
 from tactile_dynamics_ros.recording.joints.states import JOINT_STATE, decode_states, encode_states
 
 Array = NDArray[np.float64]
 
+ROBOT_DESCRIPTION = "/robot_description"
 TABLES = (".csv", ".txt", ".tsv")
 """Ends of the names of tables with a column for each joint's position and torque."""
 _STRING = "std_msgs/msg/String"
@@ -104,6 +103,8 @@ class JointRecording:
                     f"{path}: a table has no URDF; give that of the arm: --urdf FILE"
                 )
             return cls._from_table(file, text)
+        from tactile_dynamics_ros.recording.importers.joint_angles import urdf_text
+
         text = text or urdf_text(ROBOT_DESCRIPTION, file.parent, file, required=False) or known
         if not text:
             raise BadInputError(
@@ -134,6 +135,8 @@ class JointRecording:
     @classmethod
     def _from_table(cls, path: Path, urdf: str) -> JointRecording:
         from tactile_dynamics_ros.core.robot.kinematic_tree import read_tree
+
+        from tactile_dynamics_ros.recording.importers.tables.table import read_table
 
         table = read_table(path)
         joints = [j.name for j in read_tree(urdf, "the arm's URDF") if j.axis is not None]
