@@ -135,7 +135,6 @@ class JointRecording:
     @classmethod
     def _from_table(cls, path: Path, urdf: str) -> JointRecording:
         from tactile_dynamics_ros.core.robot.kinematic_tree import read_tree
-
         from tactile_dynamics_ros.recording.importers.tables.table import read_table
 
         table = read_table(path)
