@@ -148,8 +148,8 @@ contacts`. Functions: {functions}; `pi`, `+ - * / ^`.
 
 **A class in a Python file**, for what no formula says (filters, memory, tables): subclass
 `Effect` or `LinearEffect`, decorate it with `@register_effect`, pass the file as `--effect-file
-my_effect.py`. [`examples/06_write_your_own_effect.py`](../examples/06_write_your_own_effect.py)
-is one, [`examples/07_effect_from_a_formula.py`](../examples/07_effect_from_a_formula.py) fits one
+my_effect.py`. [`examples/33_write_your_own_effect.py`](../examples/33_write_your_own_effect.py)
+is one, [`examples/34_effect_from_a_formula.py`](../examples/34_effect_from_a_formula.py) fits one
 from yaml. Say `external = False` in the class if it is an error of what sensors read, and not a
 wrench on the object: the latter is shown late by sensors that are late.
 
