@@ -49,7 +49,7 @@ _TITLES = {
 }
 
 _OPENING = """\
-# Effects
+# Which effects can be missing from the model?
 
 What the model of a rigid body in a hand can lack, and that of [an object that is
 pushed](#effects-of-a-pushed-object). Every effect is one class in
