@@ -51,7 +51,7 @@ _TITLES = {
 _OPENING = """\
 # Which effects can be missing from the model?
 
-What the model of a rigid body in a hand can lack, and that of [an object that is
+What can be missing from the model of a rigid body in a hand, and from that of [an object that is
 pushed](#effects-of-a-pushed-object). Every effect is one class in
 [`core/effects`](../tactile_dynamics_ros/core/effects) or
 [`core/planar/effects`](../tactile_dynamics_ros/core/planar/effects); this page is made from them by
