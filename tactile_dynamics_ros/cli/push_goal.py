@@ -33,7 +33,8 @@ def push_to_goal(args: Namespace) -> int:
         word = "reached" if outcome["reached"] else "not reached"
         print(
             f"{word}: {1e3 * outcome['error_m']:.1f} mm and "
-            f"{np.rad2deg(outcome['error_rad']):.1f} deg from the goal after {outcome['pushes']} pushes and {outcome['duration_s']:.0f} s "
+            f"{np.rad2deg(outcome['error_rad']):.1f} deg from the goal after "
+            f"{outcome['pushes']} pushes and {outcome['duration_s']:.0f} s "
             f"({outcome['stopped_because']})"
         )
     return 0 if outcome["reached"] else 1
