@@ -87,8 +87,8 @@ def write_exploration(story: dict[str, Any], folder: Path) -> Path:
 
     Args:
         story: explored, pushed (None: not at all), goal, goal_from and goal_to (s), parts
-            (footprint and path of each), history, compared, why_unknown (sentences), truth (None: not
-            revealed), changed, and stopped and broken, which say what did not come to its end.
+            (footprint and path of each), history, compared, why_unknown (sentences), truth (None:
+            not revealed), changed, and stopped and broken, which say what did not come to its end.
         folder: where it goes.
     """
     pushed = story["pushed"]
