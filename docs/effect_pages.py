@@ -52,9 +52,9 @@ _TITLES = {
 }
 
 _OPENING = """\
-# Effects
+# Which effects can be missing from the model?
 
-What the model of a rigid body in a hand can lack, and that of [an object that is
+What can be missing from the model of a rigid body in a hand, and from that of [an object that is
 pushed](#effects-of-a-pushed-object). Every effect is one class in
 [`core/effects`](../tactile_dynamics_ros/core/effects) or
 [`core/planar/effects`](../tactile_dynamics_ros/core/planar/effects); this page is made from them by
@@ -169,8 +169,8 @@ contacts`. Functions: {functions}; `pi`, `+ - * / ^`.
 
 **A class in a Python file**, for what no formula says (filters, memory, tables): subclass
 `Effect` or `LinearEffect`, decorate it with `@register_effect`, pass the file as `--effect-file
-my_effect.py`. [`examples/06_write_your_own_effect.py`](../examples/06_write_your_own_effect.py)
-is one, [`examples/07_effect_from_a_formula.py`](../examples/07_effect_from_a_formula.py) fits one
+my_effect.py`. [`examples/33_write_your_own_effect.py`](../examples/33_write_your_own_effect.py)
+is one, [`examples/34_effect_from_a_formula.py`](../examples/34_effect_from_a_formula.py) fits one
 from yaml. Say `external = False` in the class if it is an error of what sensors read, and not a
 wrench on the object: the latter is shown late by sensors that are late.
 

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.support.layouts import WristLog, arms, laboratory
 from tactile_dynamics_ros.recording import Recording
-from tactile_dynamics_ros.synthetic import ScenarioOptions, generate_at_whitened_rms
+from tactile_dynamics_ros.synthetic import ScenarioOptions, generate, generate_at_whitened_rms
 from tactile_dynamics_ros.synthetic.recordings import write_bag
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -32,6 +32,11 @@ def _held(path: Path, text: str, regrasp: bool = False) -> None:
     effect = "viscous_drag[z<0.6]" if "z<0.6" in text else "viscous_drag"
     options = ScenarioOptions(duration=SECONDS, regrasp=regrasp)
     write_bag(generate_at_whitened_rms(3, {effect: 2.0}, options).streams, path)
+
+
+def _clean(path: Path, text: str) -> None:
+    """Write the same object with nothing that drags at it: an estimate of it is saved."""
+    write_bag(generate(3, scenario=ScenarioOptions(duration=SECONDS)).streams, path)
 
 
 def _wrist(
@@ -208,7 +213,7 @@ def _pushes(path: Path, text: str) -> None:
 
 FILES: dict[str, Callable[[Path, str], None]] = {
     "run.mcap": _run,
-    "first.mcap": _run,
+    "first.mcap": _clean,
     "second.mcap": lambda path, text: _held(path, text, regrasp=True),
     "empty.mcap": lambda path, text: _wrist(path, [GRIPPER]),
     "loaded.mcap": lambda path, text: _wrist(path, [GRIPPER, LOAD]),

@@ -43,7 +43,7 @@ effect of a diagnosis. Lower blames a drag, which looks a little like a delay, o
 
 @dataclass(frozen=True, repr=False)
 class Check(Readiness):
-    """What a recording of a held object tells, what is wrong with it, and what to record as well.
+    """What a recording of a held object determines, its faults, and what to record as well.
 
     Attributes:
         estimate: from the recording as it is.
@@ -185,7 +185,7 @@ def _clock_faults(found: Estimate) -> list[str]:
         return []
     return [
         f"the stamps of forces and motion seem to differ by {1e3 * offset:.1f} ± {1e3 * std:.1f} "
-        "ms (effect time_offset); `diagnose` tells whether it is the clocks"
+        "ms (effect time_offset); `diagnose` finds out whether it is the clocks"
     ]
 
 

@@ -41,9 +41,9 @@ class Estimate(ReportedResult):
         model: fitted to it.
         tool: what was carried as well and is not meant, such as a gripper.
         prior: the same object, from earlier recordings.
-        wrist: what a wrist sensor tells of it beside the fingertips.
+        wrist: what a wrist sensor measures of it beside the fingertips.
         uncorrected: `fit_with_readings` of a body alone, if there is one already.
-        rivals: with effects that the recording cannot tell from those of the model.
+        rivals: with effects that the recording cannot distinguish from those of the model.
     """
 
     recording: Recording
@@ -180,7 +180,7 @@ class Estimate(ReportedResult):
 
     @property
     def undetermined(self) -> tuple[str, ...]:
-        """What this recording does not tell; value and std of it are those of the prior."""
+        """What this recording does not determine; value and std of it are those of the prior."""
         return self.found.not_excited
 
     def to_json(self) -> dict[str, Any]:
@@ -313,7 +313,7 @@ class Estimate(ReportedResult):
             )
 
     def _open_lines(self) -> list[str]:
-        """Return a line on what the recording does not tell, if there is any."""
+        """Return a line on what the recording does not determine, if there is any."""
         if not self.undetermined:
             return []
         return [

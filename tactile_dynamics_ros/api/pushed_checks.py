@@ -39,12 +39,12 @@ _LATE, _CERTAIN = 5e-3, 5.0
 """Difference of clocks, s, and standard deviations, from which it is a fault: smaller ones are
 estimated with everything else and are in the intervals."""
 _FAST, _SLOW = 0.3, 0.1
-"""Speeds of pushes that are proposed, m/s: as fast as arms push where the mass is lacking, which
-only acceleration tells; else such that hardly any arm objects."""
+"""Speeds of pushes that are proposed, m/s: as fast as arms push where the mass is unknown, which
+only acceleration shows; else such that hardly any arm objects."""
 _MOST = 6
 """Pushes that are proposed at most; a goal that takes more needs other sensors."""
-_UNTOLD = (
-    "these pushes do not tell whether friction differs from place to place; where it does, what is "
+_UNSHOWN_VARIATION = (
+    "these pushes do not show whether friction differs from place to place; where it does, what is "
     "promised may come twice as wide"
 )
 """Said of promises for tables that may be even: on ones that vary by 10 % six such masses came 1.1
@@ -58,7 +58,7 @@ class Found(Protocol):
 
     @property
     def undetermined(self) -> tuple[str, ...]:
-        """Names of what the recording does not tell."""
+        """Names of what the recording does not determine."""
 
     @property
     def error(self) -> float | None:
@@ -107,7 +107,7 @@ class Addition:
 
 @dataclass(frozen=True, repr=False)
 class PushedCheck(Readiness):
-    """What a recording of pushes tells, what is wrong with it, and which pushes to add.
+    """What a recording of pushes determines, what is wrong with it, and which pushes to add.
 
     Attributes:
         recording: of one or two parts.
@@ -216,7 +216,7 @@ class PushedCheck(Readiness):
         return f"{now}; {self.addition.many} would bring it to {after:.2g} %"
 
     def _helps(self, name: str) -> bool:
-        """Whether what is proposed tells a parameter clearly better."""
+        """Whether what is proposed determines a parameter clearly better."""
         return self.promised.get(name, np.inf) <= WORTH * self.relative[name]
 
 
@@ -238,10 +238,12 @@ def check_pushes(recording: PushedRecording, goal: float = GOAL) -> PushedCheck:
         (faults if asked.is_far else remarks).append(asked.misfit)
     if asked.fits and isinstance(found, PushedEstimate):
         addition = _addition(recording, found, goal)
-        if addition is not None and _evenness_is_untold(found):
-            remarks.append(_UNTOLD)
+        if addition is not None and _evenness_is_unknown(found):
+            remarks.append(_UNSHOWN_VARIATION)
     elif asked.fits:
-        remarks.append("of two parts no push is promised; `diagnose` tells which would part models")
+        remarks.append(
+            "of two parts no push is promised; `diagnose` proposes those that separate models"
+        )
     return PushedCheck(rates, tuple(faults), tuple(remarks), goal, recording, found, addition)
 
 
@@ -267,12 +269,12 @@ def _clock_faults(found: PushedEstimate) -> list[str]:
     other = ", or something else is missing" if found.is_uneven else ""
     return [
         f"the stamps of forces and poses seem to differ by {1e3 * late:.1f} ± {1e3 * std:.1f} ms "
-        f"(effect time_offset){other}; `diagnose` tells whether it is the clocks"
+        f"(effect time_offset){other}; `diagnose` finds out whether it is the clocks"
     ]
 
 
 def _addition(recording: PushedRecording, found: PushedEstimate, goal: float) -> Addition | None:
-    """Return the push that tells most of what is lacking; None if nothing lacks or tells."""
+    """The push that determines most of what is missing; None if nothing is or no push does."""
     streams, reach = recording.streams, _reach(recording, 0)
     masses = found.covariance[1, 1] > goal**2
     config = ExploreConfig(
@@ -334,7 +336,7 @@ def _variances(found: PushedEstimate, size: Array) -> tuple[Array, Array]:
     return own, whole - own
 
 
-def _evenness_is_untold(found: PushedEstimate) -> bool:
+def _evenness_is_unknown(found: PushedEstimate) -> bool:
     """Whether an even table is likeliest, and one that varies about as likely."""
     elsewhere = _variances(found, np.ones(len(found.covariance)))[1]
     is_wide = bool(elsewhere[0] > (0.99 * USUAL_UNEVENNESS) ** 2)

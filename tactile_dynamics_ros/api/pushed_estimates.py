@@ -114,7 +114,7 @@ class EstimateOfPushes(ReportedResult):
 
     @property
     def undetermined(self) -> tuple[str, ...]:
-        """What this recording does not tell; value and std of it are those of the prior."""
+        """What this recording does not determine; value and std of it are those of the prior."""
         return self.found.undetermined
 
     def to_json(self) -> dict[str, Any]:
@@ -206,7 +206,7 @@ class EstimateOfPushes(ReportedResult):
         if unknown:
             raise NotIdentifiableError(
                 "the friction force is undetermined; `tactile-dynamics check` says which pushes "
-                "would tell it"
+                "would determine it"
             )
 
     def save(self, path: str | Path) -> Path:

@@ -49,7 +49,7 @@ class Question:
 
     @cached_property
     def judgement(self) -> Judgement:
-        """Whether the model is adequate, as far as tests of its residual tell."""
+        """Whether the model is adequate, by tests of its residual."""
         return judge(self.model)
 
     @cached_property
@@ -74,7 +74,7 @@ class Question:
             return ""
         error = f"the error is {self.whitened_rms:.2f} times the noise"
         if self.fits:
-            return f"{error}, yet an effect may be seen in it: `tactile-dynamics diagnose` tells"
+            return f"{error}, yet an effect may be seen in it: ask `tactile-dynamics diagnose`"
         return (
             f"the model does not fit: {error}; `tactile-dynamics diagnose` looks for what is "
             "missing"

@@ -21,7 +21,7 @@ that motion is lost with it; a twentieth costs as much of the recording."""
 
 @dataclass(frozen=True, repr=False)
 class Readiness(Result):
-    """What is wrong with a recording, and what it does not tell.
+    """What is wrong with a recording, and what it does not determine.
 
     Attributes:
         rates: of its streams.
@@ -61,7 +61,7 @@ class Readiness(Result):
 
     @abstractmethod
     def advice(self) -> list[str]:
-        """Return what is not known, and what would tell it."""
+        """Return what is not known, and what would determine it."""
 
     @property
     def ready(self) -> bool:

@@ -1,4 +1,4 @@
-"""A wrist sensor beside the fingertips: what it tells of the object that they hold."""
+"""A wrist sensor beside the fingertips: what it measures of the object that they hold."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def read_wrist(
 
 @dataclass(frozen=True)
 class WristShare:
-    """What the wrist tells of a held object, the hand taken out.
+    """What the wrist measures of a held object, the hand taken out.
 
     Attributes:
         recording: of the fingertips.
@@ -91,13 +91,13 @@ class WristShare:
         return fingertip_gains(fitted, self.body.inertia.mass, float(self.body.parameter_std[0]))
 
     def line(self) -> str:
-        """Say what the wrist tells by itself, and of the fingertips."""
+        """Say what the wrist measures by itself, and by how much each fingertip differs."""
         mass = write_interval(self.body.inertia.mass, float(self.body.parameter_std[0]))
-        told = ", ".join(
+        shares = ", ".join(
             f"{name} {write_interval(100.0 * gain, 100.0 * std)} %"
             for name, (gain, std) in self.gains.items()
         )
-        gains = f"; against it the fingertips read too much by {told}" if told else ""
+        gains = f"; against it the fingertips read too much by {shares}" if shares else ""
         return f"the wrist by itself, without {self.hand.name}: {mass} kg{gains}"
 
     def to_json(self) -> dict[str, Any]:

@@ -159,7 +159,7 @@ def _executor(args: Namespace) -> Iterator[Executor]:
 
 
 def _ask_all(executor: Executor, jobs: Sequence[Job]) -> dict[Job, Answer]:
-    """Ask about all recordings and tell on stderr how far it is."""
+    """Ask about all recordings and print on stderr how far it is."""
     futures = {executor.submit(ask, job): job for job in jobs}
     answers: dict[Job, Answer] = {}
     try:

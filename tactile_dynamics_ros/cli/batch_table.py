@@ -152,7 +152,7 @@ def _body(document: Document) -> Document:
 
 
 def _value(name: str, key: str) -> Callable[[Document], str]:
-    """Value or std of a number; empty where the recording does not tell it."""
+    """Value or std of a number; empty where the recording does not determine it."""
 
     def cell(document: Document) -> str:
         unknown = name in document["undetermined"]
@@ -208,7 +208,7 @@ _COLUMNS: dict[str, dict[str, Callable[[Document], str]]] = {
         "noise_floor": _error("noise_floor"),
     },
 }
-"""What the table tells of each verb's document."""
+"""What the table has of each verb's document."""
 
 
 def columns(verb: str) -> list[str]:

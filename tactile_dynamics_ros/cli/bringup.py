@@ -182,7 +182,7 @@ def require_simulator() -> None:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether a node that died is started again, and the line that tells so."""
+    """Whether a node that died is started again, and the line that says so."""
 
     again: bool
     sentence: str

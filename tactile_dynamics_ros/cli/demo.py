@@ -86,7 +86,7 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     parser.add_argument(
         "--weigh",
         action="store_true",
-        help="an arm without a hand weighs its tool and a load, and tells its controller",
+        help="an arm without a hand weighs its tool and a load, and sets its controller's payload",
     )
     parser.add_argument(
         "--joints",
@@ -199,10 +199,10 @@ def _run_planar(args: Namespace) -> int:
     from tactile_dynamics_ros.cli.demo_planar import play, table_parameters
 
     require_table_object(int(str(table_parameters(args)["object_number"])))
-    told = play(args, _new_folder(args), _Speaker(quiet=args.json))
+    outcome = play(args, _new_folder(args), _Speaker(quiet=args.json))
     if args.json:
         hidden = ("parts", "history", "goal_from", "goal_to")
-        print(json.dumps({key: value for key, value in told.items() if key not in hidden}))
+        print(json.dumps({key: value for key, value in outcome.items() if key not in hidden}))
     return 0
 
 
@@ -216,9 +216,9 @@ def _run_weigh(args: Namespace) -> int:
         raise BadInputError("demo --weigh: goes without --planar and --hidden")
     from tactile_dynamics_ros.cli.demo_weigh import play
 
-    told = play(args, _new_folder(args), _Speaker(quiet=args.json))
+    outcome = play(args, _new_folder(args), _Speaker(quiet=args.json))
     if args.json:
-        print(json.dumps(told))
+        print(json.dumps(outcome))
     return 0
 
 

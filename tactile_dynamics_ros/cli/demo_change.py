@@ -54,30 +54,32 @@ class Act:
         self._spin(lambda: "solver" in self._told, NOTICED)
         self._before = self._count
         if self._before:
-            self._say(f"property_estimator told {self._before} changes though nothing had changed")
+            self._say(
+                f"property_estimator reported {self._before} changes though nothing had changed"
+            )
         done, message = self._call(BEGIN)
         if not done:
             raise TactileDynamicsError(message)
         self._say("now something about table or object changes; who notices? pushing on ...")
-        told: dict[str, Any] = {"noticed": self._notice(), "text": self._text, "diagnosis": None}
-        told["alarms_before"] = self._before
-        if not told["noticed"]:
+        outcome: dict[str, Any] = {"noticed": self._notice(), "text": self._text, "diagnosis": None}
+        outcome["alarms_before"] = self._before
+        if not outcome["noticed"]:
             self._say("nobody noticed a change: the pushes are what chance makes of a clean table")
-            return told
-        told["status"] = self._told.values("change")
+            return outcome
+        outcome["status"] = self._told.values("change")
         self._say(f"property_estimator: {self._text}")
-        told["actions"] = self._push_straight()
-        self._say(f"explorer: {len(told['actions'])} pushes in different directions")
+        outcome["actions"] = self._push_straight()
+        self._say(f"explorer: {len(outcome['actions'])} pushes in different directions")
         self._say("asking /model_check/diagnose what is different ...")
         began = time.monotonic()
         done, message = self._call(DIAGNOSE)
         if not done:
             self._say(f"no diagnosis: {message}")
-            return told | {"refused": message}
-        told["diagnosis"] = found = json.loads(message)
-        told["sentence"] = sentence(found)
-        self._say(f"after {time.monotonic() - began:.0f} s: {told['sentence']}")
-        return told | self._take_over(found)
+            return outcome | {"refused": message}
+        outcome["diagnosis"] = found = json.loads(message)
+        outcome["sentence"] = sentence(found)
+        self._say(f"after {time.monotonic() - began:.0f} s: {outcome['sentence']}")
+        return outcome | self._take_over(found)
 
     def _notice(self) -> bool:
         """Push about until the change is noticed; return whether it is.
@@ -112,7 +114,7 @@ class Act:
     def _take_over(self, found: dict[str, Any]) -> dict[str, Any]:
         """Add a named effect to the model of the estimator, and wait for the error with it."""
         effect, errors = found["effect"], found["error"]
-        told = {"before": errors["before"], "after": errors["after"], "added": None}
+        outcome = {"before": errors["before"], "after": errors["after"], "added": None}
         self._say(
             f"held-out error {errors['before']:.2f} before, {errors['after']:.2f} with what is "
             f"named; {errors['noise_floor']:.2f} is the noise"
@@ -122,7 +124,7 @@ class Act:
                 "what is known of the object was opened: call /property_estimator/reset and "
                 "/explorer/explore to find it anew"
             )
-            return told
+            return outcome
         from rclpy.parameter import Parameter
         from rclpy.parameter_client import AsyncParameterClient
 
@@ -133,12 +135,14 @@ class Act:
         self._spin(lambda: shown in self._told or self._refuses(effect), REFITTED)
         errors = self._told.values("solver") if shown in self._told else {}
         before, after = (_number(errors.get(key)) for key in ("without_effects", "whitened_rms"))
-        told |= {"added": effect, "live_before": before, "live_after": after}
-        told["fall"] = fall(before, after, self._refuses(effect))
+        outcome |= {"added": effect, "live_before": before, "live_after": after}
+        outcome["fall"] = fall(before, after, self._refuses(effect))
         if effect in errors.get("vague", "").split(","):
-            told["fall"] += f"; how large {effect} is, the pushes do not tell: it may be another"
-        self._say(told["fall"])
-        return told
+            outcome["fall"] += (
+                f"; how large {effect} is, the pushes do not determine: it may be another"
+            )
+        self._say(outcome["fall"])
+        return outcome
 
     @property
     def _count(self) -> int:
@@ -167,8 +171,8 @@ class Act:
             self._text = self._told.text("change")
 
 
-def _number(told: str | None) -> float | None:
-    return None if told is None else float(told)
+def _number(text: str | None) -> float | None:
+    return None if text is None else float(text)
 
 
 def fall(before: float | None, after: float | None, ended: bool = False) -> str:
@@ -183,8 +187,8 @@ def fall(before: float | None, after: float | None, ended: bool = False) -> str:
         return "the fit of the live model with it came to no end: what was known before counts"
     if after is None:
         return f"the live model has no fit with it after {REFITTED:.0f} s"
-    told = "" if before is None else f"{before:.2f} times the noise without it, "
-    return f"error of the live model: {told}{after:.2f} with it"
+    without = "" if before is None else f"{before:.2f} times the noise without it, "
+    return f"error of the live model: {without}{after:.2f} with it"
 
 
 def sentence(found: dict[str, Any]) -> str:

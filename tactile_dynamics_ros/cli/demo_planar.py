@@ -94,36 +94,36 @@ def play(args: Namespace, out: Path, say: Callable[[str], None]) -> dict[str, An
             supervisor.start(name, node_command(name, files.get(name), parameters))
         supervisor.start("shape_estimator", looking_command(files["shape_estimator"]))
         with short_lived_node() as node:
-            told = _story(node, supervisor, say, args.hidden != "none")
+            story = _story(node, supervisor, say, args.hidden != "none")
         supervisor.stop(["recorder"])
     say(f"recorded {out / 'recording'}; all processes are stopped")
-    report(told, out, say)
-    told["wall_time_s"] = round(time.monotonic() - started, 1)
-    say(f"done in {told['wall_time_s']:.0f} s; open {told['report']}")
-    if told["broken"]:
-        raise TactileDynamicsError(f"{told['broken']}; what was found until then is in the report")
-    return told
+    report(story, out, say)
+    story["wall_time_s"] = round(time.monotonic() - started, 1)
+    say(f"done in {story['wall_time_s']:.0f} s; open {story['report']}")
+    if story["broken"]:
+        raise TactileDynamicsError(f"{story['broken']}; what was found until then is in the report")
+    return story
 
 
-def report(told: dict[str, Any], out: Path, say: Callable[[str], None]) -> None:
+def report(story: dict[str, Any], out: Path, say: Callable[[str], None]) -> None:
     """Say what was found beside the truth, where that is known, and write the page.
 
     Args:
-        told: the story; gets the comparison and the place of the page.
+        story: the story; gets the comparison and the place of the page.
         out: folder of the page.
         say: prints a line for people.
     """
     from tactile_dynamics_ros.report.exploration import compare_properties, write_exploration
 
-    told["compared"], told["why_unknown"] = [], why_unknown(told["explored"]["properties"])
-    if told["truth"] is not None:
-        (out / "truth.json").write_text(json.dumps(told["truth"], indent=1) + "\n")
-        _reveal(told["truth"], say)
-        told["compared"] = compare_properties(told["explored"]["properties"], told["truth"])
-    for row in told["compared"]:
+    story["compared"], story["why_unknown"] = [], why_unknown(story["explored"]["properties"])
+    if story["truth"] is not None:
+        (out / "truth.json").write_text(json.dumps(story["truth"], indent=1) + "\n")
+        _reveal(story["truth"], say)
+        story["compared"] = compare_properties(story["explored"]["properties"], story["truth"])
+    for row in story["compared"]:
         name = f"{row['part']} {row['name']}".strip()
         say(f"  {name}: {row['value']:.4g} ± {row['std']:.2g}, truth {row['truth']:.4g}")
-    told["report"] = str(write_exploration(told, out))
+    story["report"] = str(write_exploration(story, out))
 
 
 def _reveal(truth: dict[str, Any], say: Callable[[str], None]) -> None:
@@ -133,11 +133,11 @@ def _reveal(truth: dict[str, Any], say: Callable[[str], None]) -> None:
     hidden = truth["hidden_effect"]
     if hidden["begins"] is None:
         return
-    told = ", ".join(
+    story = ", ".join(
         f"{name} {entry['value']} {entry['unit']}".rstrip()
         for name, entry in hidden["parameters"].items()
     )
-    say(f"the truth: {hidden['name']} from {hidden['begins']:.1f} s on: {told}")
+    say(f"the truth: {hidden['name']} from {hidden['begins']:.1f} s on: {story}")
 
 
 def table_parameters(args: Namespace) -> dict[str, object]:
@@ -217,7 +217,7 @@ def _story(
     """Explore, push to the goal, notice a change, reveal; what is stopped is reported as well."""
     log = Log(node)
     _await(node, supervisor, lambda: log.ready)
-    told: dict[str, Any] = {
+    story: dict[str, Any] = {
         "seen": {"parts": []},
         "explored": {"actions": [], "properties": {"links": [], "undetermined": []}},
         "goal": list(GOAL),
@@ -230,19 +230,19 @@ def _story(
         "truth": None,
     }
     try:
-        _play_acts(told, log, node, supervisor, say, changes)
+        _play_acts(story, log, node, supervisor, say, changes)
     except BrokenError as error:
-        told["broken"] = str(error)
+        story["broken"] = str(error)
         say(f"the story ends here: {error}")
     try:
-        told["truth"] = json.loads(_call(node, supervisor, REVEAL, ANSWER)[1])
+        story["truth"] = json.loads(_call(node, supervisor, REVEAL, ANSWER)[1])
     except (TactileDynamicsError, ValueError) as error:
         say(f"the truth is not revealed: {error}")
-    return told | log.document()
+    return story | log.document()
 
 
 def _play_acts(
-    told: dict[str, Any],
+    story: dict[str, Any],
     log: Log,
     node: Node,
     supervisor: Supervisor,
@@ -261,23 +261,23 @@ def _play_acts(
 
     def attempt(name: str, act: Callable[[], Any]) -> None:
         try:
-            told[name] = act()
+            story[name] = act()
         except BrokenError:
             raise
         except TactileDynamicsError as error:
-            told["stopped"].append(str(error))
+            story["stopped"].append(str(error))
             say(f"stopped: {error}")
 
     attempt("seen", lambda: _look(node, supervisor, say))
     if log.parted:
         say(TWO_PARTS)
         supervisor.stop(["property_estimator"])  # it knows one part only, and takes time from fits
-    say("exploring: which pushes tell most? ...")
+    say("exploring: which pushes determine most? ...")
     attempt("explored", lambda: _explore(lambda: call(EXPLORE), say))
-    told["goal_from"] = log.now
+    story["goal_from"] = log.now
     say(f"pushing it to {GOAL[0]:g} m, {GOAL[1]:g} m, {GOAL[2]:g} deg ...")
     attempt("pushed", lambda: _push(node, say))
-    told["goal_to"] = log.now
+    story["goal_to"] = log.now
     if changes and log.parted:
         say("no last act: changes are watched for on objects of one part only")
     elif changes:
@@ -307,16 +307,16 @@ def _explore(call: Callable[[], tuple[bool, str]], say: Callable[[str], None]) -
     for _ in range(TRIES):
         success, message = call()
         try:
-            told: dict[str, Any] = json.loads(message)
+            story: dict[str, Any] = json.loads(message)
         except ValueError:
             if actions:
                 break
             raise TactileDynamicsError(f"exploring did not begin: {message}") from None
-        actions += told["actions"]
-        say(describe(told))
-        if success or sum("stopped" in action for action in told["actions"]) > 1:
+        actions += story["actions"]
+        say(describe(story))
+        if success or sum("stopped" in action for action in story["actions"]) > 1:
             break
-    return told | {"actions": actions}
+    return story | {"actions": actions}
 
 
 def _await(node: Node, supervisor: Supervisor, condition: Callable[[], bool]) -> None:

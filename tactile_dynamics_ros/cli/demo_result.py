@@ -144,7 +144,7 @@ def _said_offline(document: Document) -> str:
 def _why_unlike(live: Document, offline: Document) -> str:
     """Return how two answers that differ go together."""
     if _named(live) & _named(offline):
-        return "They have a name in common; more of the motion tells more of it."
+        return "They have a name in common; a longer motion determines more of it."
     return "Both ask the same question; offline has more of the motion, and counts."
 
 
@@ -251,7 +251,7 @@ def _introduce(
         try:
             subprocess.run(command, check=True, capture_output=True, timeout=120)
         except subprocess.SubprocessError as error:
-            say(f"the report lacks the picture of the hand: {error}")
+            say(f"the report has no picture of the hand: {error}")
             return []
         portrait = (255 * imread(picture)[:, :, :3]).astype(np.uint8)
         figure = draw_summary(portrait, history, truth)

@@ -158,8 +158,8 @@ def proposal(document: dict[str, Any]) -> tuple[str, str] | None:
     if effect and document["verdict"] == "ambiguous":
         return effect, (
             f", the first of {join_names([effect, *others], 'and')}: the error falls with any of "
-            "them, but which one it is these measurements do not tell, and mass, centre of mass "
-            "and inertia hold only if it is this one"
+            "them, but which one it is cannot be determined from these measurements, and mass, "
+            "centre of mass and inertia hold only if it is this one"
         )
     if effect:
         return effect, ""

@@ -118,7 +118,7 @@ def play(args: Namespace, out: Path, say: Callable[[str], None]) -> dict[str, An
     _report(found, truth, sag, say)
     (out / "truth.json").write_text(json.dumps(truth, indent=1) + "\n")
     report = _page(Path(found["folder"]) / "load_1.mcap", out)
-    told = {
+    outcome = {
         "truth": truth,
         "weighed": {name: found[name] for name in ("tool", "load")},
         "doubts": found["doubts"],
@@ -127,8 +127,8 @@ def play(args: Namespace, out: Path, say: Callable[[str], None]) -> dict[str, An
         "wall_time_s": round(time.monotonic() - started, 1),
         "report": str(report),
     }
-    say(f"done in {told['wall_time_s']:.0f} s; open {report}")
-    return told
+    say(f"done in {outcome['wall_time_s']:.0f} s; open {report}")
+    return outcome
 
 
 def _simulated(args: Namespace) -> dict[str, object]:

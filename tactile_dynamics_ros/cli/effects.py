@@ -1,4 +1,4 @@
-"""`tactile-dynamics effects`: the catalogue of what the models can lack."""
+"""`tactile-dynamics effects`: the catalogue of effects that models can miss."""
 
 from __future__ import annotations
 

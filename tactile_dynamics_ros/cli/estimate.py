@@ -41,7 +41,7 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         "--export",
         metavar="FORMAT",
         help="print the body as urdf, sdf, mjcf, ur (payload call), franka (SetLoad request) or "
-        "moveit (attached object) instead; refused if the recording does not tell it",
+        "moveit (attached object) instead; refused if the recording does not determine it",
     )
     parser.add_argument(
         "--shape",
@@ -148,7 +148,7 @@ def _estimate_pushed(args: Namespace) -> int:
 
     Raises:
         BadInputError: an option is asked for that holds for held objects only.
-        NotIdentifiableError: the recording does not tell the friction force.
+        NotIdentifiableError: the recording does not determine the friction force.
     """
     from tactile_dynamics_ros.api.verbs import estimate
 
@@ -201,7 +201,7 @@ def _export(args: Namespace, found: Estimate) -> str:
 
     Raises:
         BadInputError: JSON is wanted as well.
-        NotIdentifiableError: the recording does not tell what the format needs.
+        NotIdentifiableError: the recording does not determine what the format needs.
     """
     if args.json:
         raise BadInputError("--export prints the block alone; leave out --json")

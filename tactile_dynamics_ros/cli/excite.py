@@ -1,4 +1,4 @@
-"""`tactile-dynamics excite`: the motion that would tell most about the object in the hand."""
+"""`tactile-dynamics excite`: the motion that would determine most of the object in the hand."""
 
 from __future__ import annotations
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from argparse import Namespace, _SubParsersAction
 from typing import Any
 
@@ -43,32 +44,33 @@ def run(args: Namespace) -> int:
         else:
             success, message = found.success, found.json or found.message
     try:
-        told: dict[str, Any] = json.loads(message)
+        outcome: dict[str, Any] = json.loads(message)
     except ValueError:
         raise TactileDynamicsError(message) from None
-    print(json.dumps(told) if args.json else describe(told))
+    print(json.dumps(outcome) if args.json else describe(outcome))
     if not success:
-        raise TactileDynamicsError(told["stopped_because"])
-    if "friction_force_n" in told["properties"]["undetermined"]:
+        raise TactileDynamicsError(outcome["stopped_because"])
+    if "friction_force_n" in outcome["properties"]["undetermined"]:
         raise NotIdentifiableError("the friction force is not known")
     return 0
 
 
-def describe(told: dict[str, Any]) -> str:
+def describe(outcome: dict[str, Any]) -> str:
     """Return what was done and found, in lines for people."""
     lines = []
-    for k, action in enumerate(told["actions"], 1):
+    for k, action in enumerate(outcome["actions"], 1):
         x, y = action["point"]
         lines.append(
-            f"{k}. {action['kind']}{_of_part(told, action)} at ({x:.3f}, {y:.3f}) m, "
-            f"{action['speed']:g} m/s: expected {action['expected_gain']:.1f} nats, "
+            f"{k}. {action['kind']}{_of_part(outcome, action)} at ({x:.3f}, {y:.3f}) m, "
+            f"{action['speed']:g} m/s: expected to shrink the uncertainty "
+            f"{math.exp(action['expected_gain']):.2g}-fold, "
             f"{action['chosen_because']}"
             + "".join(f"; {key}: {action[key]}" for key in REMARKS if key in action)
         )
-    unknown = told["properties"]["undetermined"]
-    lines += told["properties"].get("said") or _numbers(told["properties"]["links"], unknown)
-    why = why_unknown(told["properties"])
-    return "\n".join([*lines, *why, f"stopped: {told['stopped_because']}"])
+    unknown = outcome["properties"]["undetermined"]
+    lines += outcome["properties"].get("said") or _numbers(outcome["properties"]["links"], unknown)
+    why = why_unknown(outcome["properties"])
+    return "\n".join([*lines, *why, f"stopped: {outcome['stopped_because']}"])
 
 
 def _numbers(links: list[dict[str, Any]], unknown: list[str]) -> list[str]:
@@ -83,9 +85,9 @@ def _numbers(links: list[dict[str, Any]], unknown: list[str]) -> list[str]:
     return lines
 
 
-def _of_part(told: dict[str, Any], action: dict[str, Any]) -> str:
+def _of_part(outcome: dict[str, Any], action: dict[str, Any]) -> str:
     """Which part was pushed, where there are two."""
-    return f" of part {action['part']}" if "said" in told["properties"] else ""
+    return f" of part {action['part']}" if "said" in outcome["properties"] else ""
 
 
 def why_unknown(properties: dict[str, Any]) -> list[str]:
@@ -110,7 +112,7 @@ def why_unknown(properties: dict[str, Any]) -> list[str]:
     shares = [name for name in unknown if name.endswith(".mass")]
     if shares and properties.get("structure") in ("rigid", "undecided"):
         said.append(
-            "parts that move as one body tell what they weigh together, and not what each of them "
+            "parts that move as one body determine what they weigh together, not what each of them "
             "weighs: push them sideways where they meet, or one by one"
         )
     return said

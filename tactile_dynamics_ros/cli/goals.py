@@ -204,13 +204,13 @@ class _Sent:
             _tell(message.feedback)
 
 
-def _tell(told: Any) -> None:
+def _tell(feedback: Any) -> None:
     """Print feedback."""
-    if not hasattr(told, "share_done"):  # of an action that is not ours
-        print(json.dumps(to_plain(told)), file=sys.stderr)
+    if not hasattr(feedback, "share_done"):  # of an action that is not ours
+        print(json.dumps(to_plain(feedback)), file=sys.stderr)
         return
-    share = "" if math.isnan(told.share_done) else f" {100.0 * told.share_done:3.0f} %"
-    print(f"  {told.phase:<10}{share}  {told.text}", file=sys.stderr, flush=True)
+    share = "" if math.isnan(feedback.share_done) else f" {100.0 * feedback.share_done:3.0f} %"
+    print(f"  {feedback.phase:<10}{share}  {feedback.text}", file=sys.stderr, flush=True)
 
 
 def try_goal(

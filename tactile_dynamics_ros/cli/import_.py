@@ -104,7 +104,7 @@ def _add_guess(form: ArgumentParser) -> None:
 
 
 def run(args: Namespace) -> int:
-    """Read the source, write the recording and tell what is in it."""
+    """Read the source, write the recording and print what is in it."""
     importer: Importer = args.importer
     recording = importer.read(Path(args.source), args)
     path = recording.to_bag(args.out)

@@ -98,7 +98,7 @@ def _wait_for_robot(node: Node, motion: StraightMotion) -> None:
     """Wait until the pusher is heard, and for word of an emergency stop.
 
     Raises:
-        BadInputError: nobody tells where the pusher is.
+        BadInputError: nobody publishes where the pusher is.
         TactileDynamicsError: the emergency stop is on.
     """
     if not spin_until(node, lambda: motion.heard > 0, 2.0 * PATIENCE):

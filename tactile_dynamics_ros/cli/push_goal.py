@@ -22,21 +22,22 @@ second, but a plan takes ten on a machine that does twenty other things."""
 
 
 def push_to_goal(args: Namespace) -> int:
-    """Publish the goal and tell how it ended; 0 if the object is there, 1 if not."""
+    """Publish the goal and print how it ended; 0 if the object is there, 1 if not."""
     if not np.all(np.isfinite(args.goal)):
         raise BadInputError(f"push: --goal {args.goal}: expected X Y YAW_DEG as numbers")
     with short_lived_node() as node:
-        told = ask(node, args.goal, read_namespace(args.namespace), args.json)
+        outcome = ask(node, args.goal, read_namespace(args.namespace), args.json)
     if args.json:
-        print(json.dumps(told))
+        print(json.dumps(outcome))
     else:
-        word = "reached" if told["reached"] else "not reached"
+        word = "reached" if outcome["reached"] else "not reached"
         print(
-            f"{word}: {1e3 * told['error_m']:.1f} mm and {np.rad2deg(told['error_rad']):.1f} deg "
-            f"from the goal after {told['pushes']} pushes and {told['duration_s']:.0f} s "
-            f"({told['stopped_because']})"
+            f"{word}: {1e3 * outcome['error_m']:.1f} mm and "
+            f"{np.rad2deg(outcome['error_rad']):.1f} deg from the goal after "
+            f"{outcome['pushes']} pushes and {outcome['duration_s']:.0f} s "
+            f"({outcome['stopped_because']})"
         )
-    return 0 if told["reached"] else 1
+    return 0 if outcome["reached"] else 1
 
 
 def ask(node: Any, goal: Any, namespace: str = "", quiet: bool = True) -> dict[str, Any]:
@@ -85,8 +86,8 @@ def ask(node: Any, goal: Any, namespace: str = "", quiet: bool = True) -> dict[s
         if values.get("state") == "refused":
             raise TactileDynamicsError(status.message)
         if values.get("state") == "finished":
-            told: dict[str, Any] = json.loads(values["result"])
-            return told
+            outcome: dict[str, Any] = json.loads(values["result"])
+            return outcome
         if not quiet and "error_m" in values:
             away = 1e3 * float(values["error_m"])
             print(f"  push {values['pushes']}: {away:.1f} mm to go", flush=True)

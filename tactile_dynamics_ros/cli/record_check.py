@@ -83,7 +83,7 @@ class RecordCheck:
         self._last = ""
 
     def advance(self) -> None:
-        """Begin a check that is due, tell one that is done."""
+        """Begin a check that is due, report one that is done."""
         if self._running is None:
             if time.monotonic() >= self._next:
                 self._running = self._background.submit(check_so_far, self._path, self._namespace)

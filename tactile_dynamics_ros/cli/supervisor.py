@@ -169,7 +169,7 @@ def _begin_node() -> None:
 
 
 def _begin() -> None:
-    """Leave the terminal's process group, and be told when the parent dies."""
+    """Leave the terminal's process group, and get a signal when the parent dies."""
     os.setpgid(0, 0)
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
 

@@ -38,7 +38,7 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     parser = verbs.add_parser("synthetic")
     forms = parser.add_subparsers(dest="form", metavar="FORM", required=True)
     held = forms.add_parser(
-        "held", help="an object held and moved by four fingers, with effects that no model is told"
+        "held", help="an object held and moved by four fingers, with hidden effects"
     )
     held.add_argument("out", type=path_to_write, metavar="OUT", help=NEW_RECORDING)
     held.add_argument(

@@ -238,7 +238,7 @@ def run_set(args: Namespace) -> int:
     """Change one parameter."""
     value = parse_yaml(args.value, f"value of {args.parameter}")
     with short_lived_node() as node:
-        told = set_parameter(node, args.node, args.parameter, value, args.timeout)
-    plain = f"{args.parameter} = {value}" + (f" ({told})" if told else "")
+        remark = set_parameter(node, args.node, args.parameter, value, args.timeout)
+    plain = f"{args.parameter} = {value}" + (f" ({remark})" if remark else "")
     print(json.dumps({args.parameter: value}) if args.json else plain)
     return 0

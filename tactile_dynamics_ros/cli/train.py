@@ -65,7 +65,7 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     pushing.add_argument(
         "--noise",
         action="store_true",
-        help="train what tells by how much poses and forces are worse than they say",
+        help="train what estimates by how much poses and forces are worse than they state",
     )
     parser.set_defaults(run=run)
 

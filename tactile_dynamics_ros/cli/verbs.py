@@ -81,12 +81,12 @@ VERBS: dict[str, Verb] = {
     ),
     "explore": Verb(
         "explore",
-        "push an object on a table where that tells most, until it is known",
+        "push an object on a table where that determines most, until it is known",
         ("explore", "explore --json"),
     ),
     "weigh": Verb(
         "weigh",
-        "an arm weighs its tool and its load, and tells its controller",
+        "an arm weighs its tool and its load, and sets its controller's payload",
         ("weigh --dry-run", "weigh --apply", "weigh --tool none"),
     ),
     "record": Verb(

@@ -1,4 +1,4 @@
-"""An estimate as text for simulators and robots, without what a recording does not tell."""
+"""An estimate as text for simulators and robots, without what a recording does not determine."""
 
 from __future__ import annotations
 
@@ -256,7 +256,7 @@ def export(
 
     Raises:
         BadInputError: there is no such format, or it takes no shape.
-        NotIdentifiableError: the recording does not tell what the format needs.
+        NotIdentifiableError: the recording does not determine what the format needs.
     """
     if form not in FORMATS:
         raise BadInputError(f"export {form}: expected one of {', '.join(FORMATS)}")
@@ -275,7 +275,7 @@ def export(
 
 
 def _require_known(estimate: InertialEstimate, form: str, without_inertia: bool) -> None:
-    """Check that the recording tells what the format needs, perhaps `without_inertia`.
+    """Check that the recording determines what the format needs, perhaps `without_inertia`.
 
     Raises:
         NotIdentifiableError: it does not.
@@ -291,8 +291,8 @@ def _require_known(estimate: InertialEstimate, form: str, without_inertia: bool)
     if all(name.startswith("inertia") for name in needed):
         hint = f"; {', '.join(_WITHOUT_INERTIA)} take mass and centre of mass alone"
     raise NotIdentifiableError(
-        f"export {form}: this recording does not tell {', '.join(needed)}, and a presumed value is "
-        f"no estimate; turn and shake the object about all axes{hint}"
+        f"export {form}: this recording does not determine {', '.join(needed)}, and a presumed "
+        f"value is no estimate; turn and shake the object about all axes{hint}"
     )
 
 
@@ -315,7 +315,7 @@ def _remarks(estimate: InertialEstimate, source: str, form: str) -> list[str]:
 
 def _left_out(estimate: InertialEstimate, open_inertia: bool) -> list[str]:
     """Return what the block cannot hold."""
-    lines = ["inertia, which this recording does not tell"] if open_inertia else []
+    lines = ["inertia, which this recording does not determine"] if open_inertia else []
     if estimate.effects:
         lines.append(f"effects of the model: {', '.join(estimate.effects)}")
     return [*lines, "friction, which this recording does not measure"]

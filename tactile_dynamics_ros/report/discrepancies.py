@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 _MOST_CANDIDATES = 10
 """Candidates in the figure, best first: the others are far from the best."""
 _MOST_PLACES = 8
-"""Conditions in the figure, as many as `compare` tells."""
+"""Conditions in the figure, as many as `compare` prints."""
 _BAR = 0.62
 """Width of bars as a share of their distance."""
 _BINS = 10

@@ -122,7 +122,7 @@ def write_discrepancy_report(
             *_effects(findings),
         ]
         page = Page(
-            title="Where the model fails, and what it lacks",
+            title="Where the model fails, and what is missing",
             verdict=findings.verdict,
             good=findings.good,
             source=findings.source,
@@ -130,7 +130,7 @@ def write_discrepancy_report(
             sentences=[
                 f"{findings.about} Below, its error is measured in units of the noise that the "
                 "sensors state: at 1 nothing but that noise is left; above 1 something acts that "
-                "the model lacks.".strip()
+                "the model misses.".strip()
             ],
             sections=sections,
         )

@@ -100,7 +100,7 @@ def _misfit(error: float) -> str:
     """Return what is said of a model of which nothing but its error is known."""
     if error <= FAR:
         return ""
-    return f"the error is {error:.1f} times the noise; `tactile-dynamics diagnose` tells why"
+    return f"the error is {error:.1f} times the noise; `tactile-dynamics diagnose` finds out why"
 
 
 def _advice(estimate: InertialEstimate, misfit: str) -> list[str]:

@@ -82,26 +82,26 @@ def _flat(link: dict[str, Any]) -> dict[str, tuple[float, float]]:
     return flat
 
 
-def write_exploration(told: dict[str, Any], folder: Path) -> Path:
+def write_exploration(story: dict[str, Any], folder: Path) -> Path:
     """Write report.html of an exploration and a push to a goal.
 
     Args:
-        told: explored, pushed (None: not at all), goal, goal_from and goal_to (s), parts (footprint
-            and path of each), history, compared, why_unknown (sentences), truth (None: not
-            revealed), changed, and stopped and broken, which say what did not come to its end.
+        story: explored, pushed (None: not at all), goal, goal_from and goal_to (s), parts
+            (footprint and path of each), history, compared, why_unknown (sentences), truth (None:
+            not revealed), changed, and stopped and broken, which say what did not come to its end.
         folder: where it goes.
     """
-    pushed = told["pushed"]
-    stopped = [*told["stopped"], *filter(None, [told["broken"]])]
+    pushed = story["pushed"]
+    stopped = [*story["stopped"], *filter(None, [story["broken"]])]
     with house_style():
         page = Page(
             title="What was pushed about",
-            verdict=f"{_explored(told['explored'])}; {_brought(pushed)}.",
+            verdict=f"{_explored(story['explored'])}; {_brought(pushed)}.",
             good=pushed is not None and bool(pushed["reached"]) and not stopped,
             sentences=[f"Stopped: {why}." for why in stopped],
             source=str(folder / "recording"),
             command="tactile-dynamics demo --planar",
-            sections=[_actions(told), _estimates(told), *_way(told), *_changes(told)],
+            sections=[_actions(story), _estimates(story), *_way(story), *_changes(story)],
         )
         return write_page(page, folder)
 
@@ -118,33 +118,33 @@ def _brought(pushed: dict[str, Any] | None) -> str:
     return f"then {pushed['pushes']} pushes brought it within {near} of the goal"
 
 
-def _actions(told: dict[str, Any]) -> Section:
-    actions, several = told["explored"]["actions"], len(told["parts"]) > 1
+def _actions(story: dict[str, Any]) -> Section:
+    actions, several = story["explored"]["actions"], len(story["parts"]) > 1
     rows = [
         [
             str(k),
             *[f"link_{a.get('part', 1)}"] * several,
             f"{a['point'][0]:.3f}, {a['point'][1]:.3f}",
             f"{a['speed']:g}",
-            f"{a['expected_gain']:.1f}",
+            f"{np.exp(a['expected_gain']):.2g}-fold",
             "; ".join(a[key] for key in REMARKS if key in a),
         ]
         for k, a in enumerate(actions, 1)
     ]
-    figure = _map(told, (-np.inf, told["goal_from"] or np.inf), actions)
-    caption = "Arrows are pushes, numbered."
+    figure = _map(story, (-np.inf, story["goal_from"] or np.inf), actions)
+    caption = "Arrows are pushes, numbered. By how much the uncertainty shrinks is expected before."
     if several:
         caption += " Blue: link_1 and pushes on it; green: link_2."
     return Section(
         "Pushes that were chosen",
-        [f"{_explored(told['explored'])}."],
+        [f"{_explored(story['explored'])}."],
         [Picture("actions", figure, "outlines and pushes", caption)],
-        ["push", *["on"] * several, "at, m", "m/s", "expected gain, nats", "why"],
+        ["push", *["on"] * several, "at, m", "m/s", "uncertainty shrinks", "why"],
         rows,
     )
 
 
-def _estimates(told: dict[str, Any]) -> Section:
+def _estimates(story: dict[str, Any]) -> Section:
     rows = [
         [
             f"{row.get('part', '')} {TITLES[row['name']]}".strip(),
@@ -152,17 +152,17 @@ def _estimates(told: dict[str, Any]) -> Section:
             f"{row['truth']:.4g}",
             "undetermined" if row["undetermined"] else f"{row['off_by_std']:.1f}",
         ]
-        for row in told["compared"]
+        for row in story["compared"]
     ]
-    said = [*told["why_unknown"]]
-    if told["truth"] is None:
+    said = [*story["why_unknown"]]
+    if story["truth"] is None:
         said.append("The truth was not revealed.")
-    elif not told.get("changed"):
-        hidden = told["truth"]["hidden_effect"]["name"]
+    elif not story.get("changed"):
+        hidden = story["truth"]["hidden_effect"]["name"]
         said.append(f"Hidden effect of this run, revealed at the end: {hidden}.")
     pictures = []
-    if told["history"] and told["compared"]:
-        figure = _history(told)
+    if story["history"] and story["compared"]:
+        figure = _history(story)
         caption = "Bands are ± one standard deviation, lines the truth."
         pictures = [Picture("estimates", figure, "estimates over time", caption)]
     return Section(
@@ -174,12 +174,12 @@ def _estimates(told: dict[str, Any]) -> Section:
     )
 
 
-def _way(told: dict[str, Any]) -> list[Section]:
+def _way(story: dict[str, Any]) -> list[Section]:
     """The way to the goal; nothing where none was gone."""
-    pushed = told["pushed"]
+    pushed = story["pushed"]
     if pushed is None:
         return []
-    figure = _map(told, (told["goal_from"], told["goal_to"] or np.inf), [])
+    figure = _map(story, (story["goal_from"], story["goal_to"] or np.inf), [])
     ended = f"{pushed['pushes']} pushes in {pushed['duration_s']:.0f} s; it ended because: "
     caption = "Blue and green: on the way; orange: the goal."
     return [
@@ -191,9 +191,9 @@ def _way(told: dict[str, Any]) -> list[Section]:
     ]
 
 
-def _changes(told: dict[str, Any]) -> list[Section]:
+def _changes(story: dict[str, Any]) -> list[Section]:
     """What changed in the end, what was said of it, and the truth; nothing if nothing was to."""
-    changed = told.get("changed")
+    changed = story.get("changed")
     if not changed:
         return []
     said = ["Nobody noticed a change."] if not changed["noticed"] else [changed["text"]]
@@ -207,7 +207,7 @@ def _changes(told: dict[str, Any]) -> list[Section]:
     ]
     rows = [[name, f"{a:.2f}", f"{b:.2f}"] for name, a, b in pairs if a and b]
     header = ["", "before", "with what was named"] if rows else []
-    hidden = told["truth"] and told["truth"]["hidden_effect"]
+    hidden = story["truth"] and story["truth"]["hidden_effect"]
     if hidden and hidden["begins"] is not None:
         truth = ", ".join(
             f"{name} {entry['value']} {entry['unit']}".rstrip()
@@ -217,11 +217,11 @@ def _changes(told: dict[str, Any]) -> list[Section]:
     return [Section("What changed then", said, [], header, rows)]
 
 
-def _map(told: dict[str, Any], span: tuple[float, float], actions: list[dict[str, Any]]) -> Figure:
+def _map(story: dict[str, Any], span: tuple[float, float], actions: list[dict[str, Any]]) -> Figure:
     """Draw outlines of all parts within a span of time (s), with pushes or the goal."""
     figure = new_figure(4.0, 5.0)
     axes = figure.add_subplot()
-    for part, colour in zip(told["parts"], COLOURS, strict=False):
+    for part, colour in zip(story["parts"], COLOURS, strict=False):
         outline, path = np.array(part["footprint"]), np.array(part["path"])
         within = path[(path[:, 3] >= span[0]) & (path[:, 3] <= span[1])]
         rows = within if len(within) else path[-1:]
@@ -231,8 +231,8 @@ def _map(told: dict[str, Any], span: tuple[float, float], actions: list[dict[str
     for k, action in enumerate(actions, 1):
         _draw_push(axes, str(k), action)
     if not actions:
-        goal = np.array(told["goal"]) * [1.0, 1.0, np.pi / 180.0]
-        axes.plot(*closed(np.array(told["parts"][0]["footprint"]), goal).T, color=ORANGE)
+        goal = np.array(story["goal"]) * [1.0, 1.0, np.pi / 180.0]
+        axes.plot(*closed(np.array(story["parts"][0]["footprint"]), goal).T, color=ORANGE)
     axes.margins(0.05)
     axes.set_aspect("equal")
     axes.set_xlabel("x, m")
@@ -253,15 +253,15 @@ def _draw_push(axes: Axes, name: str, action: dict[str, Any]) -> None:
     axes.autoscale_view()
 
 
-def _history(told: dict[str, Any]) -> Figure:
+def _history(story: dict[str, Any]) -> Figure:
     """Draw each quantity over time with its interval and the truth."""
-    truth = {row["name"]: row["truth"] for row in told["compared"]}
+    truth = {row["name"]: row["truth"] for row in story["compared"]}
     figure = new_figure(6.0, 5.5)
-    time = np.array([row["time"] for row in told["history"]])
+    time = np.array([row["time"] for row in story["history"]])
     for k, name in enumerate(truth):
         axes = figure.add_subplot(len(truth), 1, k + 1)
-        value = np.array([row.get(name, np.nan) for row in told["history"]])
-        std = np.array([row.get(f"{name}_std", np.nan) for row in told["history"]])
+        value = np.array([row.get(name, np.nan) for row in story["history"]])
+        std = np.array([row.get(f"{name}_std", np.nan) for row in story["history"]])
         axes.plot(time, value, color=BLUE)
         low, high = value - std, value + std
         axes.fill_between(time, low, high, color=BLUE, alpha=0.2)

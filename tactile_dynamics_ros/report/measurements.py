@@ -90,7 +90,7 @@ def draw_motion(streams: Streams) -> Figure:
 
 
 def _motion_panels(streams: Streams) -> list[tuple[str, str, Array, Array]]:
-    """Return title, unit, times and (N, 3) values of what the recording tells about motion."""
+    """Return title, unit, times and (N, 3) values of what was recorded of the motion."""
     panels = []
     pose, imu = streams.pose, streams.imu
     if pose is not None:

@@ -72,7 +72,7 @@ def write_pushes(
         ]
         head, *body = rows
         sections = [
-            Section("The numbers", ["A star marks what this recording does not tell."], (),
+            Section("The numbers", ["A star marks what this recording does not determine."], (),
                     head, body),
             Section("The pushes", (), pictures),
         ]  # fmt: skip

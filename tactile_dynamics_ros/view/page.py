@@ -238,7 +238,7 @@ class LivePage:
         self._replace(f"{part}/footprint", outline, add, sides, _BLUE, thickness=0.002)
 
     def _show_pushes(self, state: State) -> None:
-        """Arrows of the push that is made and of its rivals, each with what it would tell."""
+        """Arrows of the push that is made and of its rivals, with how each shrinks uncertainty."""
         names = set()
         for k, push in enumerate(state.pushes):
             name = f"/pushes/{k}"
@@ -265,7 +265,7 @@ class LivePage:
         arrow.points = line
         if push.gain is not None:
             label = self._once(f"{name}/gain", self.server.scene.add_label, "")
-            label.text, label.position = f"{push.gain:.1f} nats", back
+            label.text, label.position = f"{np.exp(push.gain):.2g}-fold", back
 
     def _show_force(self, name: str, force: Force) -> None:
         """An arrow whose head ends in the ellipsoid of one standard deviation of the force."""

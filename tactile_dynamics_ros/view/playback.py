@@ -61,7 +61,7 @@ class Playback:
         return state
 
     def diagnose(self) -> str:
-        """Find out what the model lacks; return the sentence."""
+        """Find out which effect is missing; return the sentence."""
         try:
             document = diagnose(self.recording).to_json()
         except TactileDynamicsError as error:

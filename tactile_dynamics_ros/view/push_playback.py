@@ -116,7 +116,7 @@ class PushPlayback:
         return state
 
     def diagnose(self) -> str:
-        """Find out what the model lacks; return the sentence."""
+        """Find out which effect is missing; return the sentence."""
         try:
             document = Diagnosis.of(question_pushed(self.recording)).to_json()
         except TactileDynamicsError as error:

@@ -72,7 +72,7 @@ class Push:
         point: (2,) m, where it begins on the outline, support.
         direction: (2,) unit vector.
         length: m.
-        gain: expected information, nats; None if nobody said.
+        gain: expected information, nats; None if unknown.
         chosen: whether it is the one that is made, and not a rival.
     """
 
@@ -113,7 +113,7 @@ class History:
 
 @dataclass
 class State:
-    """Everything that the page shows; what nobody told is None or empty.
+    """Everything that the page shows; what is not known is None or empty.
 
     Attributes:
         object_pose: (4, 4) X_WO.

@@ -119,7 +119,7 @@ def test_an_effect_that_is_added_tells_how_the_error_falls(monkeypatch):
     assert told["fall"] == said[-1] == words
     vague = {"whitened_rms": 0.97, "without_effects": 2.31, "vague": "support_tilt"}
     monkeypatch.setattr(act, "_spin", lambda *_: tell(vague, "support_tilt"))
-    words = "how large support_tilt is, the pushes do not tell"
+    words = "how large support_tilt is, the pushes do not determine"
     assert words in act._take_over(found)["fall"]
     assert fall(None, 0.97) == "error of the live model: 0.97 with it"
     assert fall(2.31, None) == "the live model has no fit with it after 240 s"

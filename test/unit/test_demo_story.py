@@ -49,7 +49,7 @@ def test_the_first_of_several_is_added_with_a_word_of_what_that_means():
     effect, meaning = proposal(diagnosed("ambiguous", "added_mass", group))
     assert effect == "added_mass"
     assert "the first of added_mass, hanging_cable and force_scale" in meaning
-    assert "do not tell" in meaning
+    assert "cannot be determined" in meaning
     assert "hold only if it is this one" in meaning
 
 
@@ -166,7 +166,7 @@ def test_the_story_ends_with_how_the_error_fell(monkeypatch):
             ("ambiguous", "added_mass", ("added_mass", "hanging_cable")),
             ("adequate", "hanging_cable"),
             "Live, from the first 27 s: added_mass or hanging_cable; offline, from all 68 s: "
-            "hanging_cable. They have a name in common; more of the motion tells more of it.",
+            "hanging_cable. They have a name in common; a longer motion determines more of it.",
         ),
     ],
 )

@@ -155,17 +155,17 @@ def test_controllers_get_mass_or_weight_and_the_centre_in_metres(estimate):
 def test_what_a_recording_does_not_tell_is_not_written(estimate, form):
     flat = replace(estimate, not_excited=("inertia_xz", "inertia_zz"))
     if form in ("xarm", "control_toolbox", "admittance_controller"):
-        assert "inertia, which this recording does not tell" in export(flat, form).left_out
+        assert "inertia, which this recording does not determine" in export(flat, form).left_out
     elif form == "ur":
         made = export(flat, form)
         assert made.text.splitlines()[-1].count("[") == 1
-        assert "inertia, which this recording does not tell" in made.left_out
+        assert "inertia, which this recording does not determine" in made.left_out
     else:
         with pytest.raises(
             NotIdentifiableError, match="inertia_xz, inertia_zz.*ur, xarm, .* take mass"
         ):
             export(flat, form)
-    with pytest.raises(NotIdentifiableError, match="does not tell com_z"):
+    with pytest.raises(NotIdentifiableError, match="does not determine com_z"):
         export(replace(estimate, not_excited=("com_z",)), form)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks import pushed_check
-from tactile_dynamics_ros.api.pushed_checks import _evenness_is_untold, _promise, check_pushes
+from tactile_dynamics_ros.api.pushed_checks import _evenness_is_unknown, _promise, check_pushes
 from tactile_dynamics_ros.core.planar.actions.affordances import ExploreConfig, pushes
 from tactile_dynamics_ros.core.planar.actions.continuation import continued
 from tactile_dynamics_ros.core.planar.actions.information import Belief, PredictedObject
@@ -122,8 +122,8 @@ def test_where_an_even_table_is_likeliest_but_not_told_a_promise_says_so(checked
     here = np.diag([0.02, 0.3, 0.01, 0.01]) ** 2
     wide = here + np.diag([0.07, 0.0, 0.0, 0.0]) ** 2
     untold = replace(checked.found, here=here, covariance=wide, unevenness=0.003)
-    assert _evenness_is_untold(untold)
-    assert not _evenness_is_untold(replace(untold, covariance=here))
-    assert not _evenness_is_untold(replace(untold, unevenness=0.03))
+    assert _evenness_is_unknown(untold)
+    assert not _evenness_is_unknown(replace(untold, covariance=here))
+    assert not _evenness_is_unknown(replace(untold, unevenness=0.03))
     said = any("from place to place" in remark for remark in checked.remarks)
-    assert said == _evenness_is_untold(checked.found)
+    assert said == _evenness_is_unknown(checked.found)

@@ -17,7 +17,7 @@ glance. More make sentences longer; the document and the report have all."""
 _UNDETERMINED = 3.0
 """Standard deviation of a share, over that of the sum, from which only the sum is reported: the
 data then say nine times more of the sum than of the share. At 1.5 shares of two fingers that are
-known apart are not told, at 6 shares that are nothing but the prior's may be."""
+known apart are not reported, at 6 shares that are nothing but the prior's may be."""
 
 _LEAST_P_VALUE = 1e-16
 """Probability below which only this bound is written: tails of distributions are computed to double
@@ -30,13 +30,13 @@ def write_parameters(parameters: Table) -> str:
     Where only the sum of several is known (entries that say `sum_of`), it stands for them.
     """
     sums = {name: entry for name, entry in parameters.items() if "sum_of" in entry}
-    told = any(_is_undetermined(entry, parameters) for entry in sums.values())
+    summed = any(_is_undetermined(entry, parameters) for entry in sums.values())
     parts = {part for entry in sums.values() for part in entry["sum_of"]}
-    hidden = parts if told else set(sums)
+    hidden = parts if summed else set(sums)
     shown = {name: entry for name, entry in parameters.items() if name not in hidden}
     texts = _texts(shown)
     text = ", ".join(texts[:_MOST_PARAMETERS]) + (", ..." if len(texts) > _MOST_PARAMETERS else "")
-    if not told:
+    if not summed:
         return text
     names = list(dict.fromkeys(_owner(part) for part in parameters if part in parts))
     return (

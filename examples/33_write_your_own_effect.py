@@ -1,12 +1,12 @@
-"""Write an effect that the catalogue lacks as a Python class, test it, fit it.
+"""Write an effect that is not in the catalogue as a Python class, test it, fit it.
 
     tactile-dynamics synthetic held RUN --effect cross_talk --whitened-rms 3
-    python examples/06_write_your_own_effect.py RUN
+    python examples/33_write_your_own_effect.py RUN
 
 The effect: fingertip sensors share a cable, so each also reads a part of the others' forces. From
 the shell, this file is all that is needed:
 
-    tactile-dynamics estimate RUN --effect-file examples/06_write_your_own_effect.py \
+    tactile-dynamics estimate RUN --effect-file examples/33_write_your_own_effect.py \
         --effects sensor_crosstalk
 """
 

@@ -1,6 +1,6 @@
 """Guide a simulated arm's load by hand: an admittance controller takes the compensated wrench.
 
-    python examples/08_admittance.py --seconds 12
+    python examples/35_admittance.py --seconds 12
 
 A load hangs on a wrist sensor in PyBullet. The controller moves the wrist as if it were a mass in
 honey, M a + D v = F, where F is the contact force. A hand pushes for two seconds, then lets go.

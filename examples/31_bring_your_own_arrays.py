@@ -1,6 +1,6 @@
 """Turn measurements that lie in numpy arrays, CSV or HDF5 into a recording.
 
-    python examples/02_bring_your_own_arrays.py --out my_recording.mcap
+    python examples/31_bring_your_own_arrays.py --out my_recording.mcap
 
 Here the "measurements" come from a small simulation of two fingers that swing a stick, in the
 units and frames that a logger might use. Replace `load_my_measurements` by your own reading, for

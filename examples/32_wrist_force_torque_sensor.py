@@ -1,7 +1,7 @@
 """Estimate a robot's payload from its wrist force/torque sensor, whatever the sensor's bias.
 
     tactile-dynamics import kuka-ft-imu ../shared/data/kuka_ft_imu/1-baseline payload.mcap
-    python examples/03_wrist_force_torque_sensor.py payload.mcap
+    python examples/32_wrist_force_torque_sensor.py payload.mcap
 
     tactile-dynamics import my_arm.csv --guess            # the same with a log of your own arm
     tactile-dynamics import static-poses poses.csv payload.mcap    # or with a table of static poses

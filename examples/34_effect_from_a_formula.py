@@ -1,7 +1,7 @@
 """Write an effect as a formula in yaml, let derivatives and units be handled, fit it.
 
     tactile-dynamics synthetic held RUN --effect dry_rubbing --whitened-rms 3
-    python examples/07_effect_from_a_formula.py RUN --out rubbing.yaml
+    python examples/34_effect_from_a_formula.py RUN --out rubbing.yaml
 
 From the shell, with the file that this writes:
 
