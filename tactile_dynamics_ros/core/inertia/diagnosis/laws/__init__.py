@@ -1,0 +1,1 @@
+"""Forms of laws for a held object."""
