@@ -1,4 +1,4 @@
-"""Forms of laws that may act on a held object, as formulas with free exponents, places and rates."""
+"""Forms of laws that may act on a held object: formulas with free exponents, places, rates."""
 
 from __future__ import annotations
 
@@ -25,6 +25,10 @@ at 10 cm, and from 40 cm on a pull hardly changes. More cost time in proportion.
 _FARTHEST_POINT = 0.2
 """Distance, m, up to which a start may put the point where a law acts from the body origin: the
 size of what a hand holds. It bounds starts only."""
+_EXTENT = 0.03
+"""Presumed extent of what pulls, m: a magnet or a charged part of a few centimetres acts, from near,
+with a lower exponent than a point would. Without it the exponent of a near magnet is off by more
+than its interval; far more would leave exponents undetermined."""
 _CENTRAL_EXPONENTS = (-4.0, -2.0, 0.0, 1.0, 3.0)
 """Exponents of distance at which central forces start; fits move between them. From the pull of a
 magnet to a spring that stiffens."""
@@ -142,13 +146,14 @@ def _central() -> HeldForm:
         "parameters": {
             "size": _SIZE, "power": _EXPONENT, "point": _POINT,
             "place": _vector("m", 3.0, "place in the world"),
+            "extent": _scalar("m", _EXTENT, "how far the source or the part it acts on extends"),
         },
         "constants": {
             "reference": {"value": 0.1, "unit": "m"}, "nearest": {"value": 1e-3, "unit": "m"},
         },
         "definitions": {
             "gap": f"{_IN_WORLD.format('place')} - p - point",
-            "distance": "sqrt(dot(gap, gap) + nearest^2)",
+            "distance": "sqrt(dot(gap, gap) + extent^2 + nearest^2)",
         },
         "wrench": {
             "axes": "body", "at": "point",
@@ -160,7 +165,7 @@ def _central() -> HeldForm:
         middle = model.samples.position.mean(axis=0)
         offsets = [r * d for r in _REACHES for d in (directions() if r else np.zeros((1, 3)))]
         return [
-            {"size": 1.0, "power": n, "place": middle + offset}
+            {"size": 1.0, "power": n, "place": middle + offset, "extent": 0.3 * _EXTENT}
             for n in _CENTRAL_EXPONENTS
             for offset in offsets
         ]
