@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import yaml
 
@@ -32,7 +32,7 @@ def learn(diagnosis: Diagnosis, path: Path) -> dict[str, Any]:
     from tactile_dynamics_ros.core.discrepancy.laws.learning import Law, learn_law
     from tactile_dynamics_ros.core.effects.formula.file import read_effect
     from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldObjectModel
-    from tactile_dynamics_ros.core.inertia.diagnosis.laws.forms import held_forms
+    from tactile_dynamics_ros.core.inertia.diagnosis.laws.forms import HeldForm, held_forms
     from tactile_dynamics_ros.core.inertia.diagnosis.laws.written import law_document, law_entry
 
     if not isinstance(diagnosis.model, HeldObjectModel):
@@ -45,10 +45,11 @@ def learn(diagnosis: Diagnosis, path: Path) -> dict[str, Any]:
     if not isinstance(found, Law):
         return {"law": None, "nothing_learnt": found.reason}
     document = law_document(found, path.stem)
-    _write(path, law_entry(found.form, document["parameters"]))
+    _write(path, law_entry(cast(HeldForm, found.form), document["parameters"]))
     for other in found.others:
         beside = path.with_name(f"{path.stem}.{other.form.name}.yaml")
-        _write(beside, law_entry(other.form, other.model.parameters()[other.form.name]))
+        table = other.model.parameters()[other.form.name]
+        _write(beside, law_entry(cast(HeldForm, other.form), table))
     return {"law": document | {"file": str(path)}, "nothing_learnt": None}
 
 

@@ -14,12 +14,7 @@ Array = NDArray[np.float64]
 
 
 class LawForm(Protocol):
-    """A family of laws with the same formula and free parameters.
-
-    Attributes:
-        name: of the form, as messages name it.
-        effect: the law as an effect of the model, of that name.
-    """
+    """A family of laws with the same formula and free parameters, of one kind of model."""
 
     @property
     def name(self) -> str:
@@ -29,7 +24,7 @@ class LawForm(Protocol):
     def effect(self) -> Any:
         """The law as an effect that the model can be fitted with."""
 
-    def starts(self, model: ResidualModel, frequencies: Sequence[float]) -> list[Array]:
+    def starts(self, model: Any, frequencies: Sequence[float]) -> list[Array]:
         """Parameters (k,) from which fits may start.
 
         Args:
@@ -37,7 +32,7 @@ class LawForm(Protocol):
             frequencies: of the strongest line of each spectrum that is searched, Hz.
         """
 
-    def columns(self, model: ResidualModel, start: Array) -> Array:
+    def columns(self, model: Any, start: Array) -> Array:
         """(M, m) white columns whose coefficients complete a start."""
 
     def completed(self, start: Array, coefficients: Array) -> Array:

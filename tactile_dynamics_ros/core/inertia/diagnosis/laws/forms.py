@@ -26,9 +26,9 @@ _FARTHEST_POINT = 0.2
 """Distance, m, up to which a start may put the point where a law acts from the body origin: the
 size of what a hand holds. It bounds starts only."""
 _EXTENT = 0.03
-"""Presumed extent of what pulls, m: a magnet or a charged part of a few centimetres acts, from near,
-with a lower exponent than a point would. Without it the exponent of a near magnet is off by more
-than its interval; far more would leave exponents undetermined."""
+"""Presumed extent of what pulls, m: a magnet of a few centimetres acts, from near, with a lower
+exponent than a point would. Without it the exponent of a near magnet is off by more than its
+interval; far more would leave exponents undetermined."""
 _CENTRAL_EXPONENTS = (-4.0, -2.0, 0.0, 1.0, 3.0)
 """Exponents of distance at which central forces start; fits move between them. From the pull of a
 magnet to a spring that stiffens."""
