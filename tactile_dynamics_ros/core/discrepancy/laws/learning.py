@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, cast
 
+import numpy as np
+
 from tactile_dynamics_ros.core.discrepancy.diagnosis import Diagnosis
 from tactile_dynamics_ros.core.discrepancy.laws.form import FittableModel, LawForm
 from tactile_dynamics_ros.core.discrepancy.laws.search import Find, fit_law, search_laws
@@ -24,9 +26,10 @@ _SIGNIFICANCE = 0.015
 """Chance of such a find on noise alone below which a law may be learnt: none of the 99 draws may
 reach it, which gives 0.01."""
 _REMAINS = 1.05
-"""Held-out error over its floor up to which a law counts as the cause: a tenth of the noise's
-variance may be left. Of 12 hidden effects (seed 11) right laws left 1.01 at most, and what merely
-goes with the cause 1.13 at least; higher learns such laws, lower refuses right ones by chance."""
+"""Held-out error over its floor, beside two standard deviations of the floor, up to which a law
+counts as the cause: a tenth of the noise's variance may be left. Of 12 hidden effects (seed 11)
+right laws left 1.01 at most, and what merely goes with the cause 1.13 at least; higher learns such
+laws, lower refuses right ones by chance."""
 _RIVALS = 4
 """Known effects that are fitted in place of a law, those with the best scores: the law must beat
 each. More cost a fit each."""
@@ -119,7 +122,7 @@ def _learn(
     tell(f"fitting a law thoroughly: {first.form.name}")
     model = cast(FittableModel, first.model.refined())
     after, floor = held_out(model), noise_floor(model)
-    if after.rms > _REMAINS * floor:
+    if after.rms > (_REMAINS + 2.0 * _floor_spread(after.rows)) * floor:
         return NothingLearnt(
             f"no law of these forms is the cause: the best, {first.form.name}, leaves a held-out "
             f"error of {after.rms:.2f}, {after.rms / floor:.2f} times its floor"
@@ -139,6 +142,11 @@ def _learn(
     ]
     before = held_out(base)
     return Law(first.form, base, model, before, after, floor, search.p_value, known, tuple(equal))
+
+
+def _floor_spread(rows: int) -> float:
+    """Relative standard deviation of a floor: of the median of rows / 2 exponential variates."""
+    return float(0.5 / (np.log(2.0) * np.sqrt(0.5 * rows)))
 
 
 def _names(diagnosis: Diagnosis) -> list[str]:

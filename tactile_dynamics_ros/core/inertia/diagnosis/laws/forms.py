@@ -196,31 +196,39 @@ def _drag() -> HeldForm:
 def _rail() -> HeldForm:
     entry = {
         "parameters": {
-            "size": _vector("N", 10.0, "force at the reference, along the rail"),
-            "power": _EXPONENT, "point": _POINT,
+            "size": _SIZE, "power": _EXPONENT, "point": _POINT,
+            "azimuth": _scalar("rad", 3.0, "of the axis, about z of the world from x"),
+            "elevation": _scalar("rad", 3.0, "of the axis, over the plane z = 0 of the world"),
         },
         "constants": {
             "reference": {"value": 0.1, "unit": "m/s"}, "slowest": {"value": 5e-3, "unit": "m/s"},
-            "least": {"value": 1e-6, "unit": "N"},
         },
         "definitions": {
-            "pull": _IN_WORLD.format("size"),
-            "along": "dot(pull, v + cross(omega, point))/sqrt(dot(size, size) + least^2)",
+            "level": "cos(azimuth)*world_x + sin(azimuth)*world_y",
+            "axis": "cos(elevation)*level + sin(elevation)*world_z",
+            "along": "dot(axis, v + cross(omega, point))",
             "pace": "sqrt(along^2 + slowest^2)",
         },
         "wrench": {
             "axes": "body", "at": "point",
-            "force": "-pull*exp(power*log(pace/reference))*along/pace",
+            "force": "-size*exp(power*log(pace/reference))*along/pace*axis",
         },
     }  # fmt: skip
 
     def grid(model: HeldObjectModel) -> list[Values]:
         half = directions()[:13]
-        return [{"size": d, "power": n} for n in _SPEED_EXPONENTS for d in half]
+        azimuth, elevation = np.arctan2(half[:, 1], half[:, 0]), np.arcsin(half[:, 2])
+        return [
+            {"size": 1.0, "power": n, "azimuth": a, "elevation": e}
+            for n in _SPEED_EXPONENTS
+            for a, e in zip(azimuth, elevation, strict=True)
+        ]
 
-    words = "a drag along one axis of the world only, {size} N, ~ speed^{power}"
-    linear = tuple(f"size_{axis}" for axis in AXES)
-    return HeldForm("drag_along_axis", words, entry, grid, linear)
+    words = (
+        "a drag along one axis of the world only (azimuth {azimuth}, elevation {elevation} rad), "
+        "at {point} m of the object, ~ speed^{power}"
+    )
+    return HeldForm("drag_along_axis", words, entry, grid, ("size",), "point")
 
 
 def _turning() -> HeldForm:

@@ -65,15 +65,14 @@ def law_entry(form: HeldForm, found: Mapping[str, Mapping[str, Any]]) -> Documen
 
 
 def law_words(form: HeldForm, found: Mapping[str, Mapping[str, Any]]) -> str:
-    """What the law is, with numbers and their intervals."""
+    """What the law is, with numbers; scalars with their standard deviations."""
 
     def number(match: re.Match[str]) -> str:
         name = match[1]
         if name in found:
             return write_interval(float(found[name]["value"]), float(found[name]["std"]))
-        rows = [found[f"{name}_{axis}"] for axis in AXES]
-        texts = (write_interval(float(row["value"]), float(row["std"])) for row in rows)
-        return f"({', '.join(texts)})"
+        values = [f"{float(found[f'{name}_{axis}']['value']):.3f}" for axis in AXES]
+        return f"({', '.join(values)})"
 
     return re.sub(r"\{(\w+)\}", number, form.words)
 
