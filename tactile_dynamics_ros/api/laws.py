@@ -32,8 +32,8 @@ def learn(diagnosis: Diagnosis, path: Path) -> dict[str, Any]:
     from tactile_dynamics_ros.core.discrepancy.laws.learning import Law, learn_law
     from tactile_dynamics_ros.core.effects.formula.file import read_effect
     from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldObjectModel
-    from tactile_dynamics_ros.core.inertia.diagnosis.laws.forms import HeldForm, held_forms
-    from tactile_dynamics_ros.core.inertia.diagnosis.laws.written import law_document, law_entry
+    from tactile_dynamics_ros.core.inertia.diagnosis.law_documents import law_document, law_entry
+    from tactile_dynamics_ros.core.inertia.diagnosis.law_forms import HeldForm, held_forms
 
     if not isinstance(diagnosis.model, HeldObjectModel):
         raise BadInputError("--learn: laws are learnt of held objects only; leave it out")

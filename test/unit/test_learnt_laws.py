@@ -20,8 +20,8 @@ from tactile_dynamics_ros.core.effects import create_effects
 from tactile_dynamics_ros.core.effects.check import example_inertia, example_samples
 from tactile_dynamics_ros.core.effects.formula.file import read_effect
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
-from tactile_dynamics_ros.core.inertia.diagnosis.laws.forms import held_forms
-from tactile_dynamics_ros.core.inertia.diagnosis.laws.written import law_entry
+from tactile_dynamics_ros.core.inertia.diagnosis.law_documents import law_entry
+from tactile_dynamics_ros.core.inertia.diagnosis.law_forms import held_forms
 from tactile_dynamics_ros.core.inertia.live.refit import RefittedModel, fit_live
 from tactile_dynamics_ros.synthetic import ScenarioOptions, generate_at_whitened_rms
 from tactile_dynamics_ros.synthetic.recordings import write_bag

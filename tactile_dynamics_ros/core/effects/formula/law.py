@@ -168,7 +168,7 @@ class Law:
 
 
 def _coefficients(expression: Any, chosen: Sequence[Any]) -> dict[Exponents, Any]:
-    """Factors of the powers of some parameters; where they are linear, nothing is multiplied out."""
+    """Factors of the powers of some parameters; of linear ones without multiplying out."""
     if not chosen:
         return {(): expression}
     slopes = [expression.diff(p) for p in chosen]

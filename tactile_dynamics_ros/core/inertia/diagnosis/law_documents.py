@@ -15,7 +15,7 @@ from tactile_dynamics_ros.core.discrepancy.verdict.wording import (
     write_value,
 )
 from tactile_dynamics_ros.core.effects.geometry import AXES
-from tactile_dynamics_ros.core.inertia.diagnosis.laws.forms import HeldForm
+from tactile_dynamics_ros.core.inertia.diagnosis.law_forms import HeldForm
 
 Document = dict[str, Any]
 

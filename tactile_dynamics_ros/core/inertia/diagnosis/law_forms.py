@@ -50,9 +50,16 @@ def _scalar(unit: str, prior: float, text: str) -> Values:
 
 
 _IN_WORLD = "{0}_x*world_x + {0}_y*world_y + {0}_z*world_z"
+"""A vector with components along the axes of the world, in the axes of the law. No number."""
 _POINT = _vector("m", 0.2, "point of the object where it acts, body axes")
+"""Parameter of the point where a law acts, prior 0.2 m: what a hand holds is not larger. Smaller
+pulls points to the body origin, which a recording outweighs."""
 _EXPONENT = _scalar("1", 5.0, "exponent")
+"""Parameter of an exponent, prior 5: laws of nature have -4 to 3. Smaller pulls exponents to zero;
+a recording outweighs either."""
 _SIZE = _scalar("N", 10.0, "force at the reference")
+"""Parameter of a size, prior 10 N: as much as a hand that holds something bears. Smaller would pull
+strong forces to zero."""
 
 
 @dataclass(frozen=True)

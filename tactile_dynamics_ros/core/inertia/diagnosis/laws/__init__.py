@@ -1,1 +1,0 @@
-"""Forms of laws for a held object."""
