@@ -111,6 +111,7 @@ def _learn(
     base: FittableModel, diagnosis: Diagnosis, forms: Sequence[LawForm]
 ) -> Law | NothingLearnt:
     """Search beside the effects of a model; judge what is found."""
+    forms = [form for form in forms if form.name not in base.effect_names]
     search = search_laws(base, forms, noise_floor(base))
     if search.p_value > _SIGNIFICANCE:
         return NothingLearnt(
