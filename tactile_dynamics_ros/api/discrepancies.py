@@ -156,14 +156,34 @@ class Diagnosis(Discrepancy):
         name = self.document["effect"]
         return None if name is None else str(name)
 
+    def learn(self, path: str | Path) -> Diagnosis:
+        """Learn the law of what no known effect explains; with it, write a file of effects.
+
+        Args:
+            path: of the file, for `effects` of other verbs; written only if a law is learnt.
+
+        Returns:
+            The diagnosis with the law in its document (`law`, or `nothing_learnt`, the reason).
+
+        Raises:
+            BadInputError: the recording is not of a held object, or the name is no effect's.
+        """
+        from tactile_dynamics_ros.api.laws import learn
+
+        return replace(self, document=self.document | learn(self.answer, Path(path)))
+
     def lines(self) -> list[str]:
-        """Return the finding and the best candidates."""
+        """Return the finding, the law if one was looked for, and the best candidates."""
         error = self.document["error"]
         lines = [
             self.document["sentence"],
             f"held-out error {error['before']:.3f} -> {error['after']:.3f}, "
             f"noise floor {error['noise_floor']:.3f}",
         ]
+        if law := self.document.get("law"):
+            lines += [law["sentence"], f"written: {law['file']}"]
+        elif "law" in self.document:
+            lines += [f"No law is learnt: {self.document['nothing_learnt']}."]
         if self.verdict in ("adequate", "convention"):
             return lines
         return [

@@ -132,14 +132,15 @@ def names_of(named: str | Sequence[str | Effect]) -> list[str]:
 
 
 def effects_of(named: str | Sequence[str | Effect]) -> list[Effect]:
-    """Return effects given as "a,b", by their names, or as they are.
+    """Return effects given as "a,b", by their names or files of effects, or as they are.
 
     Raises:
-        BadInputError: a name is unknown or given twice.
+        BadInputError: a name is unknown or given twice, or a file cannot be read.
     """
     from tactile_dynamics_ros.core.effects import create_effect
+    from tactile_dynamics_ros.core.effects.registry import expand_files
 
-    named = names_of(named) if isinstance(named, str) else named
+    named = expand_files(names_of(named)) if isinstance(named, str) else named
     names = [one for one in named if isinstance(one, str)]
     repeated = {name for name in names if names.count(name) > 1}
     if repeated:

@@ -30,7 +30,7 @@ from tactile_dynamics_ros.cli.recordings import (
     read_pushed,
     read_recording,
 )
-from tactile_dynamics_ros.core.options import folder_to_write
+from tactile_dynamics_ros.core.options import file_to_write, folder_to_write
 
 _VERBS: dict[str, Any] = {
     "compare": Comparison,
@@ -51,6 +51,14 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
             metavar="DIR",
             help="also write DIR/report.html with figures",
         )
+        if name == "diagnose":
+            parser.add_argument(
+                "--learn",
+                type=file_to_write,
+                metavar="LAW.yaml",
+                help="learn the law of what no known effect explains (held objects); the file is "
+                "for --effects of any verb",
+            )
         parser.set_defaults(run=run)
 
 
@@ -60,6 +68,8 @@ def run(args: Namespace) -> int:
     ask = _ask(args)
     with shown_progress(args.json):
         result: Discrepancy = kind.of(ask())
+        if getattr(args, "learn", None):
+            result = result.learn(args.learn)
     for note in result.notes:
         print(f"note: {note}", file=sys.stderr)
     print(json.dumps(result.to_json()) if args.json else result)

@@ -93,7 +93,7 @@ def add_recording_arguments(
             action=JoinNames,
             default="",
             metavar="A,B",
-            help="effects added to the rigid body (see `tactile-dynamics effects`)",
+            help="effects added to the model (see `tactile-dynamics effects`), or files of them",
         )
         add_effect_file(parser)
     parser.add_argument(

@@ -120,6 +120,7 @@ VERBS: dict[str, Verb] = {
             "diagnose run.mcap",
             "diagnose run.mcap second.mcap --out report",
             "diagnose pushes.mcap --model pushed",
+            "diagnose run.mcap --learn law.yaml",
         ),
     ),
     "explain": Verb(

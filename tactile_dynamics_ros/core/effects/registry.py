@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points
+from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from tactile_dynamics_ros.core.effects.effect import Effect
@@ -217,7 +219,34 @@ def create_effect(label: str) -> Effect:
 def create_effects(labels: Sequence[str]) -> tuple[Effect, ...]:
     """Effects of a held object, in the order of their labels; each may be there once.
 
+    Args:
+        labels: of effects, or files of effects, which stand for all that are in them.
+
     Raises:
-        BadInputError: an effect is unknown, has no such reading, or is named twice.
+        BadInputError: an effect is unknown, has no such reading, or is named twice, or a file
+            cannot be read.
     """
-    return HELD.create_all(labels)
+    return HELD.create_all(expand_files(labels))
+
+
+def expand_files(labels: Sequence[str]) -> list[str]:
+    """Labels in which a file of effects (.yaml or .py) is replaced by the names of its effects.
+
+    Raises:
+        BadInputError: a file cannot be read.
+    """
+    names: list[str] = []
+    for label in labels:
+        path = Path(label)
+        if path.suffix in (".yaml", ".py"):
+            names += _names_in(path, path.stat().st_mtime_ns if path.exists() else 0)
+        else:
+            names.append(label)
+    return names
+
+
+@cache
+def _names_in(path: Path, changed: int) -> tuple[str, ...]:
+    """Names of the effects of a file, which is read once until it is changed."""
+    files = import_module(f"{_PACKAGE}core.effects.formula.file")
+    return tuple(effect.name for effect in files.load_effects(path))

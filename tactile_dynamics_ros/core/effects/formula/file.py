@@ -88,6 +88,20 @@ def load_effects(path: str | Path) -> tuple[Effect, ...]:
     return tuple(register_effect(found)() for found in classes)
 
 
+def read_effect(name: str, entry: Mapping[str, Any], where: str) -> type[FormulaEffect]:
+    """Class of an effect that is given as an entry of a file would be; it is not made known.
+
+    Args:
+        name: of the effect.
+        entry: formula, parameters, constants, definitions and wrench, as in a file.
+        where: what messages name in place of the file.
+
+    Raises:
+        BadInputError: names the field, and what to do.
+    """
+    return _EffectFile(name, entry, Path(where)).read()
+
+
 def _load_classes(path: Path) -> tuple[Effect, ...]:
     spec = spec_from_file_location(path.stem, path)
     if spec is None or spec.loader is None:

@@ -141,8 +141,7 @@ class Law:
         chosen = [self.parameters[i] for i in linear]
         columns: dict[Exponents, list[Any]] = {}
         for row, expression in enumerate(self.expressions):
-            found = {(): expression} if not chosen else sympy.Poly(expression, *chosen).as_dict()
-            for exponents, factor in found.items():
+            for exponents, factor in _coefficients(expression, chosen).items():
                 if factor != 0:
                     columns.setdefault(exponents, [sympy.Integer(0)] * 6)[row] = factor
         return columns
@@ -166,3 +165,16 @@ class Law:
         if self.each_contact:
             values = np.where(samples.in_contact[..., None], values, 0.0)
         return np.asarray(values.sum(axis=1))
+
+
+def _coefficients(expression: Any, chosen: Sequence[Any]) -> dict[Exponents, Any]:
+    """Factors of the powers of some parameters; of linear ones without multiplying out."""
+    if not chosen:
+        return {(): expression}
+    slopes = [expression.diff(p) for p in chosen]
+    if any(slope.has(*chosen) for slope in slopes):
+        found: dict[Exponents, Any] = sympy.Poly(expression, *chosen).as_dict()
+        return found
+    units = [tuple(int(i == k) for i in range(len(chosen))) for k in range(len(chosen))]
+    rest = expression.subs(dict.fromkeys(chosen, 0))
+    return {(0,) * len(chosen): rest, **dict(zip(units, slopes, strict=True))}

@@ -35,6 +35,7 @@ VECTORS = {
     "omega": ("rad/s", "angular velocity"),
     "alpha": ("rad/s^2", "angular acceleration"),
     "com": ("m", "centre of mass from the body origin"),
+    **{f"world_{axis}": ("1", f"unit vector along {axis} of the world") for axis in AXES},
 }
 """Unit and meaning of the vectors that formulas can name; names are API."""
 CONTACT_SCALARS = {
@@ -221,6 +222,8 @@ def _axes(samples: WrenchSamples, frame: str) -> Array:
 def _body_vector(quantity: Quantity, samples: WrenchSamples) -> Array:
     """A vector in the body frame, (N, 1 or C, 3)."""
     world = {"p": samples.position, "v": samples.velocity, "a": samples.acceleration}
+    if quantity.kind.startswith("world_"):
+        return body_from_world(samples)[:, None, :, AXES.index(quantity.kind[-1])]
     if quantity.kind in ("omega", "alpha"):
         turning = quantity.kind == "omega"
         rate = samples.angular_velocity if turning else samples.angular_acceleration

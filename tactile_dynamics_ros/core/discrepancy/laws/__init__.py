@@ -1,0 +1,1 @@
+"""Laws that no catalogue has, learnt from what a model leaves."""

@@ -1,0 +1,150 @@
+"""A learnt law as an entry of a file of effects, as a document, and in words."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from tactile_dynamics_ros.core.discrepancy.laws.learning import Law
+from tactile_dynamics_ros.core.discrepancy.verdict.wording import (
+    write_fall,
+    write_interval,
+    write_value,
+)
+from tactile_dynamics_ros.core.effects.geometry import AXES
+from tactile_dynamics_ros.core.inertia.diagnosis.law_forms import HeldForm
+
+Document = dict[str, Any]
+
+_LEEWAY = 3.0
+"""Standard deviations by which what was learnt may move on another recording: its prior there. More
+lets the law become another one, less holds what the first recording knew too little."""
+_LEAST_LEEWAY = 1e-6
+"""Prior of what was learnt with next to no uncertainty, in its unit: a prior must be above zero."""
+
+
+def law_entry(form: HeldForm, found: Mapping[str, Mapping[str, Any]]) -> Document:
+    """Entry of a file of effects: sizes free, the rest as learnt with what may change of it.
+
+    Args:
+        form: of the law.
+        found: value, std and unit by parameter.
+    """
+    parameters: Document = {}
+    constants: Document = dict(form.entry.get("constants", {}))
+    learnt: Document = {}
+    for name, declared in form.entry["parameters"].items():
+        rows = [f"{name}_{axis}" for axis in AXES] if declared.get("vector") else [name]
+        values = [float(found[row]["value"]) for row in rows]
+        if rows[0] in form.linear:
+            size = float(np.linalg.norm(values)) if len(values) > 1 else values[0]
+            prior = max(declared["prior_std"], 3.0 * abs(size))
+            parameters[name] = {**declared, "prior_std": prior, "typical": size}
+            continue
+        std = max(_LEAST_LEEWAY, *(_LEEWAY * float(found[row]["std"]) for row in rows))
+        change = {**declared, "prior_std": float(std), "typical": float(std)}
+        change["description"] = f"change of the learnt {declared['description']}"
+        parameters[f"{name}_change"] = change
+        for row, value, suffix in zip(rows, values, ("_x", "_y", "_z"), strict=False):
+            constants[f"{row}_learnt"] = {"value": value, "unit": declared["unit"]}
+            changed = f"{name}_change{suffix}" if len(rows) > 1 else f"{name}_change"
+            learnt[row] = f"{row}_learnt + {changed}"
+        if len(rows) > 1:
+            learnt[name] = rows
+    return {
+        **form.entry,
+        "parameters": parameters,
+        "constants": constants,
+        "definitions": {**learnt, **form.entry.get("definitions", {})},
+        "sentence": law_words(form, found),
+        "looks_like": "A residual that follows the formula, learnt from a recording.",
+    }
+
+
+def law_words(form: HeldForm, found: Mapping[str, Mapping[str, Any]]) -> str:
+    """What the law is, with numbers; scalars with their standard deviations."""
+
+    def number(match: re.Match[str]) -> str:
+        name = match[1]
+        if name in found:
+            return write_interval(float(found[name]["value"]), float(found[name]["std"]))
+        values = [f"{float(found[f'{name}_{axis}']['value']):.3f}" for axis in AXES]
+        return f"({', '.join(values)})"
+
+    return re.sub(r"\{(\w+)\}", number, form.words)
+
+
+def law_document(law: Law, name: str) -> Document:
+    """The law for programs.
+
+    Args:
+        law: that was learnt.
+        name: of its effect.
+    """
+    form = law.form
+    assert isinstance(form, HeldForm)
+    found = law.model.parameters()[form.name]
+    motion = law.separating_motion
+    return {
+        "name": name,
+        "form": form.name,
+        "terms": [_term(form, found)],
+        "parameters": found,
+        "regime": None,
+        "p_value": law.p_value,
+        "close_to": _close_to(law),
+        "others": [other.form.name for other in law.others],
+        "separating_motion": motion,
+        "error": {"before": law.before.rms, "after": law.after.rms, "noise_floor": law.floor},
+        "sentence": _sentence(law, form, found, motion),
+    }
+
+
+def _term(form: HeldForm, found: Mapping[str, Mapping[str, Any]]) -> Document:
+    """Formula with its coefficient, a vector where it has components."""
+    wrench = form.entry["wrench"]
+    rows = [found[name] for name in form.linear]
+    many = len(rows) > 1
+    return {
+        "formula": str(wrench.get("force") or wrench["torque"]),
+        "frame": wrench["axes"],
+        "acts_at": [found[f"point_{axis}"]["value"] for axis in AXES]
+        if wrench.get("at") == "point"
+        else wrench.get("at", "origin"),
+        "coefficient": [row["value"] for row in rows] if many else rows[0]["value"],
+        "std": [row["std"] for row in rows] if many else rows[0]["std"],
+        "unit": rows[0]["unit"],
+    }
+
+
+def _close_to(law: Law) -> Document | None:
+    """The known effect next to the law, and why it is not the cause."""
+    if law.close_to is None:
+        return None
+    error = law.close_to.held_out.rms
+    reason = f"leaves a held-out error of {error:.2f} where the law leaves {law.after.rms:.2f}"
+    return {"name": law.close_to.name, "error": error, "why_not": reason}
+
+
+def _sentence(
+    law: Law, form: HeldForm, found: Mapping[str, Mapping[str, Any]], motion: Document | None
+) -> str:
+    """Words, size, fall of the error, chance, and what else may be the cause."""
+    size = ""
+    if len(form.linear) == 1 and "{size}" not in form.words:
+        reference = form.entry.get("constants", {}).get("reference")
+        at = f" at {reference['value']:g} {reference['unit']}" if reference else ""
+        size = f" ({write_value(found[form.linear[0]])}{at})"
+    text = f"Learnt: {law_words(form, found)}{size}. The held-out error "
+    text += f"{write_fall(law.before.rms, law.after.rms)}; floor {law.floor:.2f}. "
+    text += f"Noise alone gives such a law in less than {100.0 * law.p_value:.0f} % of recordings."
+    if close := _close_to(law):
+        text += f" Closest in the catalogue: {close['name']}, which {close['why_not']}."
+    if law.others:
+        names = ", ".join(other.form.name for other in law.others)
+        told = motion["description"] if motion else "no motion was found that tells them apart"
+        text += f" As good: {names}; {told}."
+    return text
