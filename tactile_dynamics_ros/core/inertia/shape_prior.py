@@ -1,25 +1,30 @@
 """What the shape of a body tells of its inertia: density is a field whose spread the data decide.
 
-Density at x, over the mean, is 1 + f(x); f has standard deviation s everywhere and is alike over a
-length l; parts of the shape, and the surface against the inside, differ by s as well. Per unit of
-mass the ten parameters then have the mean of the even body and a covariance s^2 K(l), integrals
-over the volume. Spread, length and reading of the volume are averaged by their evidence.
+The logarithm of the density is a normal field with a standard deviation s everywhere, the sum of
+fields that are alike over several lengths, of one that differs by part, and of one that goes with
+the depth below the surface. Bodies drawn from it have a mean and a covariance of the nine
+log-Cholesky coordinates that do not depend on the mass, which is free. Spread and reading of the
+volume are averaged by their evidence.
 Source: Rasmussen, Williams 2006, ch. 2 and 5 (Gaussian processes, evidence).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
+from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 from scipy.special import chdtrc, logsumexp
 
-from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate
+from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
+from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import (
+    PARAMETER_NAMES,
+    InertialEstimate,
+)
 from tactile_dynamics_ros.core.inertia.batch.knowledge import larger_than_body
 from tactile_dynamics_ros.core.inertia.batch.prior import LogCholeskyPrior
 from tactile_dynamics_ros.core.numerics.least_squares import levenberg_marquardt
@@ -29,27 +34,40 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     dynamic_parameters_from_pseudo_inertia,
     log_cholesky,
     log_cholesky_jacobian,
+    pseudo_inertia,
 )
 from tactile_dynamics_ros.core.shape.solid import Solid, Volume
 
 Array = NDArray[np.float64]
 
-SPREADS = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2)
-"""Standard deviations of density over its mean that are weighed: from a cast block to a steel head
-on a wooden handle. Each is as likely as the next before; where data tell nothing, intervals are
-those of the larger ones. Without the largest, 90 % intervals of hammers hold too seldom."""
+SPREADS = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
+"""Standard deviations of the logarithm of density that are weighed: from a cast block to a steel
+head on a wooden handle. Each is as likely as the next before; where data tell nothing, intervals
+are those of the larger ones. Without the largest, intervals of hammers hold too seldom."""
 LENGTHS = (0.1, 0.3, 1.0)
 """Lengths over which density is alike, over the longest edge of the box around the body: a bolt in
-a handle, a head, one end against the other. Longer ones are a slope from end to end, as 1 is."""
+a handle, a head, one end against the other. With a single one, bodies that vary otherwise are too
+far from the mean."""
+_DRAWS = 200
+"""Densities that are drawn, and as many that are their inverse: covariances are then known to 5 %.
+More take longer, fewer make intervals scatter."""
+_SEED = 66
+"""Seed of the draws, so that the same file gives the same estimate."""
+_THINNEST = 1e-4
+"""Standard deviation of the depth, over the body's size, that is presumed at least: sheets have
+none, and nothing to tell hollow from even."""
 _EVEN = 0.1
 """Spread up to which a body counts as even, for the question whether data contradict the shape:
 walls and labels of a full box, rounding of a mesh. Smaller ones call such bodies uneven."""
 _CONTRADICTED = 1e-3
 """Probability, of an even body, below which the shape is said to be contradicted: one of a thousand
 even bodies is by chance. Higher warns more often of nothing, lower later of ballast."""
-_HOLLOW = 0.3
-"""Share of the way from an even body to one whose mass is all in its skin, from which a body is
-said to be denser at its surface. A box with walls of a tenth of its width is at 0.6."""
+_HOLLOW = 0.7
+"""Correlation of the most likely density with the height towards the surface from which a body is
+said to be denser there. Ballast at one end has less than half."""
+_LOST = 1e-10
+"""Smallest eigenvalue of a covariance with unit diagonal, over its largest, that is believed; as
+when an estimate is combined with an earlier one."""
 _LEAST_SHARE = 1e-3
 """Share of the even body that is mixed into one of point masses, so that it has a thickness. Larger
 ones pull at bodies at the edge of what fits; at 0 flat bodies have no logarithm."""
@@ -69,61 +87,55 @@ sheets and wires have none across. At 0 their thickness would be known exactly."
 
 @dataclass(frozen=True)
 class Field:
-    """Dynamic parameters per unit of mass under one reading of volume and length.
+    """Densities in one reading of a volume.
 
     Attributes:
-        volume: the reading.
-        mean: (10,) of the even body.
-        at: (N, 10) of each point, less the mean.
-        response: (N, 10) covariance of the density at each point with the parameters, at spread 1.
-        skin: (10,) from the even body to one whose mass is all in its surface.
-        covariance: (10, 10) at spread 1.
+        points: (N, 3) m.
+        masses: (N, 10) dynamic parameters of unit masses there.
+        alike: (N, N) covariance of the logarithm of the density at spread 1.
+        depth: (N,) depth below the surface, over its standard deviation, about its mean.
     """
 
-    volume: Volume
-    mean: Array
-    at: Array
-    response: Array
-    skin: Array
-    covariance: Array
+    points: Array
+    masses: Array
+    alike: Array
+    depth: Array
 
     @classmethod
-    def of(cls, volume: Volume, surface: Array, length: float) -> Field:
-        """Integrate over the volume.
+    def of(cls, volume: Volume, surface: Array, size: float) -> Field:
+        """Measure depth and distances.
 
         Args:
             volume: its points.
             surface: (M, 3) m.
-            length: m, over which density is alike.
-        """
-        points = point_masses(volume.points)
-        mean = points.mean(axis=0)
-        at, skin = points - mean, point_masses(surface).mean(axis=0) - mean
-        alike = np.exp(-0.5 * cdist(volume.points, volume.points, "sqeuclidean") / length**2)
-        alike += volume.part[:, None] == volume.part
-        response = alike @ at / len(at)
-        covariance = at.T @ response / len(at) + np.outer(skin, skin)
-        return cls(volume, mean, at, response, skin, covariance)
-
-    def white(self, spread: float, size: float) -> tuple[Array, Array, float]:
-        """Normal prior of the nine coordinates that do not depend on the mass.
-
-        Args:
-            spread: of density.
             size: m, of the body.
-
-        Returns:
-            (9, 9) root of its information, (9,) its mean, half the logarithm of its determinant.
         """
-        xi = log_cholesky(InertialParameters.from_dynamic_parameters(self.mean).pseudo_inertia)
-        units = np.concatenate([np.zeros(3), np.full(6, np.log(size))])
-        scale = np.exp(units)
-        to_phi = log_cholesky_jacobian(xi)[1:, 1:] * scale
-        back = np.linalg.inv(to_phi)
-        values, vectors = np.linalg.eigh(back @ self.covariance[1:, 1:] @ back.T)
-        std = spread * np.sqrt(np.maximum(values, _FLATTEST * values[-1]))
-        white = (vectors / std).T / scale
-        return white, xi[1:], float(np.log(std).sum() + units.sum())
+        depth = cKDTree(surface).query(volume.points)[0]
+        depth = (depth - depth.mean()) / max(float(depth.std()), _THINNEST * size)
+        apart = cdist(volume.points, volume.points, "sqeuclidean") / size**2
+        fields = [np.exp(-0.5 * apart / length**2) for length in LENGTHS]
+        fields += [volume.part[:, None] == volume.part, np.outer(depth, depth)]
+        alike = np.mean(fields, axis=0)
+        return cls(volume.points, point_masses(volume.points), alike, depth)
+
+    @cached_property
+    def drawn(self) -> Array:
+        """(N, D) fields at spread 1, each with its negative."""
+        values, vectors = np.linalg.eigh(self.alike)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        half = root @ np.random.default_rng(_SEED).normal(size=(len(root), _DRAWS))
+        return np.concatenate([half, -half], axis=1)
+
+    def bodies(self, spread: float) -> Array:
+        """(D, 9) coordinates of bodies of such densities: radii, shears, centre."""
+        logs = spread * self.drawn
+        density = np.exp(logs - logs.max(axis=0))
+        return coordinates(density.T @ self.masses)
+
+    @property
+    def even(self) -> Array:
+        """(9,) coordinates of the even body."""
+        return coordinates(self.masses.mean(axis=0))
 
 
 @dataclass(frozen=True)
@@ -138,29 +150,50 @@ class ShapePrior:
 
     @cached_property
     def fields(self) -> tuple[Field, ...]:
-        """Readings of volume and length."""
-        lengths = [share * self.solid.size for share in LENGTHS]
-        volumes = self.solid.volumes
-        return tuple(Field.of(v, self.solid.surface, one) for v in volumes for one in lengths)
+        """Readings of the volume."""
+        surface, size = self.solid.surface, self.solid.size
+        return tuple(Field.of(volume, surface, size) for volume in self.solid.volumes)
 
     @cached_property
-    def units(self) -> Array:
-        """(10,) units in which parameters per unit of mass are near one: 1, m, m^2."""
-        size = self.solid.size
-        return np.concatenate([[1.0], np.full(3, size), np.full(6, size**2)])
+    def unclear(self) -> Array:
+        """(9, 9) covariance of the even body where there are several readings of its volume."""
+        even = np.array([field.even for field in self.fields])
+        apart = even - even.mean(axis=0)
+        return np.asarray(apart.T @ apart / max(len(even) - 1, 1))
+
+    @property
+    def scale(self) -> Array:
+        """(9,) units in which coordinates are near one: 1, m."""
+        return np.append(np.ones(3), np.full(6, self.solid.size))
 
     @property
     def start(self) -> LogCholeskyPrior:
         """A wide prior about the even body of 1 kg, for `fit_from`."""
-        mean = np.mean([field.mean for field in self.fields], axis=0)
-        xi = log_cholesky(InertialParameters.from_dynamic_parameters(mean).pseudo_inertia)
-        radius = float(np.exp(xi[1:4].max()))
-        return LogCholeskyPrior(xi, np.concatenate([_WIDE, np.full(6, radius)]))
+        even = np.mean([field.even for field in self.fields], axis=0)
+        radius = float(np.exp(even[:3].max()))
+        return LogCholeskyPrior(np.append(0.0, even), np.append(_WIDE, np.full(6, radius)))
+
+    def gaussian(self, field: Field, spread: float) -> tuple[Array, Array, float]:
+        """Normal prior of the nine coordinates that do not depend on the mass.
+
+        Args:
+            field: reading of the volume.
+            spread: of the logarithm of density.
+
+        Returns:
+            (9, 9) root of its information, (9,) its mean, half the logarithm of its determinant.
+        """
+        bodies = field.bodies(spread) / self.scale
+        covariance = np.cov(bodies.T) + self.unclear / np.outer(self.scale, self.scale)
+        values, vectors = np.linalg.eigh(covariance)
+        std = np.sqrt(np.maximum(values, _FLATTEST * values[-1]))
+        white = (vectors / std).T / self.scale
+        return white, bodies.mean(axis=0) * self.scale, float(np.log(std).sum())
 
     def weigh(self, seen: Seen) -> Weighed:
         """Hold every spread, length and volume against the data."""
         pairs = ((field, spread) for field in self.fields for spread in SPREADS)
-        found = [Belief.of(field, spread, seen, self.solid.size) for field, spread in pairs]
+        found = [Belief.of(self, field, spread, seen) for field, spread in pairs]
         return Weighed(self, seen, tuple(found))
 
 
@@ -168,6 +201,15 @@ def point_masses(points: Array) -> Array:
     """Dynamic parameters (N, 10) of unit masses at points (N, 3)."""
     ends = np.concatenate([points, np.ones((len(points), 1))], axis=1)
     return dynamic_parameters_from_pseudo_inertia(ends[:, :, None] * ends[:, None, :])
+
+
+def coordinates(phi: Array) -> Array:
+    """Log-Cholesky coordinates but the first, (..., 9), of dynamic parameters (..., 10)."""
+    flipped = np.linalg.cholesky(pseudo_inertia(phi)[..., ::-1, ::-1])
+    upper = flipped[..., ::-1, ::-1] / flipped[..., :1, :1]
+    logs = np.log(np.diagonal(upper, axis1=-2, axis2=-1)[..., :3])
+    shears = upper[..., [0, 1, 0, 0, 1, 2], [1, 2, 2, 3, 3, 3]]
+    return np.concatenate([logs, shears], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -185,25 +227,47 @@ class Seen:
     target: Array
 
     @classmethod
-    def of(cls, estimate: InertialEstimate, prior: LogCholeskyPrior) -> Seen:
-        """Take the prior of a fit out of its estimate.
+    def of(cls, model: FittedModel) -> Seen:
+        """Take the data alone from a fit: they are quadratic in phi, wherever the fit has ended.
 
-        With C the covariance of z = (xi - mean) / std, the data have the information C^-1 - 1,
-        where that is positive, and the slope z there.
-
-        Args:
-            estimate: fitted with the prior.
-            prior: independent normal, of the log-Cholesky coordinates.
+        Directions that the motion does not excite are left out as the fit does; what widens the
+        fit's intervals beyond the noise counts as more noise of phi.
         """
-        xi = log_cholesky(estimate.inertia.pseudo_inertia)
-        to_unit = np.linalg.inv(log_cholesky_jacobian(xi) * prior.std)
-        whole = np.linalg.inv(to_unit @ estimate.covariance @ to_unit.T)
-        values, vectors = np.linalg.eigh(0.5 * (whole + whole.T) - np.eye(10))
-        seen = values > 0.0
-        root = np.sqrt(values[seen])[:, None] * vectors[:, seen].T
-        slope = vectors[:, seen].T @ ((xi - prior.mean) / prior.std)
-        target = slope / np.sqrt(values[seen])
-        return cls(estimate.inertia.dynamic_parameters, root @ to_unit, target)
+        data, slope = _alone(model)
+        excited = np.eye(10) - model.unexcited @ model.unexcited.T
+        to_phi = log_cholesky_jacobian(model.prior.mean) * model.prior.std @ excited
+        values, vectors = np.linalg.eigh(to_phi.T @ data @ to_phi)
+        seen = values > _LOST * values[-1]
+        size = np.sqrt(values[seen])
+        back = np.linalg.inv(log_cholesky_jacobian(model.prior.mean) * model.prior.std)
+        root = size[:, None] * (vectors[:, seen].T @ excited @ back)
+        target = -vectors[:, seen].T @ to_phi.T @ slope / size
+        more = np.linalg.cholesky(np.eye(len(root)) + root @ _beyond_noise(model) @ root.T)
+        return cls(model.phi, np.linalg.solve(more, root), np.linalg.solve(more, target))
+
+
+def _alone(model: FittedModel) -> tuple[Array, Array]:
+    """Information (10, 10) of the data on phi and slope (10,) of their error, without effects."""
+    rows, residual = model.white_jacobian, model.white_residual
+    if model.corrected is not None:
+        residual = residual - model.white_lasting_errors @ model.corrected.errors
+    information, slope = rows.T @ rows - model.noise_information, rows.T @ residual
+    known = np.diag(model.coordinate_information[1])[10:]
+    information[10:, 10:] += np.diag(known)
+    slope[10:] += known * np.concatenate([np.zeros(0), *model.theta])
+    share = information[:10, 10:] @ np.linalg.inv(information[10:, 10:])
+    alone = information[:10, :10] - share @ information[10:, :10]
+    return 0.5 * (alone + alone.T), slope[:10] - share @ slope[10:]
+
+
+def _beyond_noise(model: FittedModel) -> Array:
+    """Part (10, 10) of a fit's covariance that is not noise: misfit, lasting errors, gains."""
+    to_phi = log_cholesky_jacobian(model.xi)
+    noise = to_phi @ np.linalg.inv(sum(model.coordinate_information))[:10, :10] @ to_phi.T
+    more = model.covariance[:10, :10] - noise
+    scale = np.sqrt(np.diag(model.covariance)[:10])
+    values, vectors = np.linalg.eigh(0.5 * (more + more.T) / np.outer(scale, scale))
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(scale, scale))
 
 
 @dataclass(frozen=True)
@@ -228,16 +292,16 @@ class Belief:
     surprise: float
 
     @classmethod
-    def of(cls, field: Field, spread: float, seen: Seen, size: float) -> Belief:
+    def of(cls, prior: ShapePrior, field: Field, spread: float, seen: Seen) -> Belief:
         """Combine; the mass is free, and the other coordinates do not depend on it.
 
         Args:
-            field: volume and length.
+            prior: of the shape.
+            field: reading of its volume.
             spread: of density.
             seen: the data.
-            size: m, of the body.
         """
-        white, start, log_volume = field.white(spread, size)
+        white, start, log_volume = prior.gaussian(field, spread)
         start = np.concatenate([[0.5 * np.log(seen.phi[0])], start])
 
         def evaluate(xi: Array) -> tuple[Array, Array]:
@@ -311,67 +375,64 @@ class Weighed:
     @property
     def body(self) -> InertialParameters:
         """The nearest body of positive density inside the shape's hull."""
-        hull = np.concatenate([self.prior.solid.surface, self.prior.fields[-1].volume.points])
-        phi = nearest_density(self.phi, self.covariance, point_masses(hull), self.prior.units)
+        inside = [field.masses for field in self.prior.fields]
+        masses = np.concatenate([point_masses(self.prior.solid.surface), *inside])
+        phi = nearest_density(self.phi, self.covariance, masses)
         return InertialParameters.from_dynamic_parameters(phi)
 
     @property
     def where(self) -> str:
         """Where the body is denser than even, in words."""
         best = self.beliefs[int(np.argmax(self.weights))]
-        field, units = best.field, self.prior.units
-        phi = dynamic_parameters_from_log_cholesky(best.xi)
-        apart = (phi / phi[0] - field.mean)[1:] / units[1:]
-        spread = field.covariance[1:, 1:] / np.outer(units[1:], units[1:])
-        moved = np.linalg.lstsq(spread, apart, rcond=_FLATTEST)[0] / units[1:]
-        skin = float(field.skin[1:] @ moved)
-        density = field.response[:, 1:] @ moved
-        if skin > _HOLLOW:
+        field, phi = best.field, dynamic_parameters_from_log_cholesky(best.xi)
+        size = self.prior.solid.size
+        units = np.append(np.full(3, size), np.full(6, size**2))
+        mean = field.masses.mean(axis=0)
+        at = (field.masses - mean)[:, 1:] / units
+        response = field.alike @ at / len(at)
+        apart = (phi / phi[0] - mean)[1:] / units
+        moved = np.linalg.lstsq(at.T @ response / len(at), apart, rcond=_FLATTEST)[0]
+        density = response @ moved
+        outward = -float(field.depth @ density) / len(density)
+        if outward > _HOLLOW * float(density.std()):
             return "its surface (hollow)"
-        place = 1e3 * field.volume.points[int(np.argmax(density))]
+        place = 1e3 * field.points[int(np.argmax(density))]
         return "({:.0f}, {:.0f}, {:.0f}) mm".format(*place)
 
 
-def nearest_density(phi: Array, covariance: Array, masses: Array, units: Array) -> Array:
+def nearest_density(phi: Array, covariance: Array, masses: Array) -> Array:
     """Nearest dynamic parameters to phi, in its covariance, of masses that are not negative.
 
     Args:
         phi: (10,).
         covariance: (10, 10).
         masses: (N, 10) of unit point masses, wherever there may be mass.
-        units: (10,) of parameters per unit of mass.
 
     Source: Lawson, Hanson 1974, ch. 23.
     """
-    scale = phi[0] * units
+    scale = np.sqrt(np.diag(covariance))
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-    white = (vectors / np.sqrt(np.maximum(values, 1e-12 * values[-1]))).T / scale
-    rows = masses @ white.T * phi[0]
-    even = rows.mean(axis=0)
-    target = white @ phi - _LEAST_SHARE * even
-    shares, _ = nnls(rows.T, target)
-    found = shares @ masses + _LEAST_SHARE * masses.mean(axis=0)
-    return np.asarray(phi[0] * found)
+    white = (vectors / np.sqrt(np.maximum(values, _LOST * values[-1]))).T / scale
+    even = _LEAST_SHARE * masses.mean(axis=0)
+    shares, _ = nnls(phi[0] * white @ masses.T, white @ (phi - phi[0] * even))
+    return np.asarray(phi[0] * (shares @ masses + even))
 
 
-def with_shape(
-    estimate: InertialEstimate, start: LogCholeskyPrior, prior: ShapePrior
-) -> tuple[InertialEstimate, Weighed]:
-    """Combine an estimate with what the shape tells.
+def with_shape(model: FittedModel, prior: ShapePrior) -> tuple[InertialEstimate, Weighed]:
+    """Combine a fit with what the shape tells.
 
     Args:
-        estimate: of a fit from `start`.
-        start: the prior of that fit, which is taken out again.
+        model: fitted from `prior.start`, which is taken out again.
         prior: of the shape.
 
     Returns:
         The estimate of a body that fits in the shape's hull, and what was weighed.
     """
-    weighed = prior.weigh(Seen.of(estimate, start))
+    weighed, estimate = prior.weigh(Seen.of(model)), model.to_estimate()
     body = weighed.body
     unknown = set(larger_than_body(body, weighed.covariance))
     unknown |= {"mass"} & set(estimate.not_excited)
-    names = tuple(name for name in estimate.not_excited if name in unknown)
+    names = tuple(name for name in PARAMETER_NAMES if name in unknown)
     found = replace(
         estimate, inertia=body, covariance=weighed.covariance, not_excited=names, lasting=None
     )

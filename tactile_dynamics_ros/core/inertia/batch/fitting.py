@@ -142,7 +142,7 @@ def fit_from(model: FittedModel, prior: LogCholeskyPrior, iterations: int) -> Fi
     """Fit again with another prior of the body, whose mass is that of the fit.
 
     Args:
-        model: fitted; its lasting errors are found anew if they were corrected.
+        model: fitted; its lasting errors are found anew if it was corrected, xi stays uncorrected.
         prior: of the log-Cholesky coordinates of a body of 1 kg.
         iterations: number of iterations of the alternation.
     """
@@ -153,7 +153,7 @@ def fit_from(model: FittedModel, prior: LogCholeskyPrior, iterations: int) -> Fi
     )
     kept = ("frame_covariance", "survey", "restated", "event_std", "noise_bias")
     found = replace(found, **{name: getattr(model, name) for name in kept})
-    return found if model.corrected is None else fit_corrected(found)
+    return found if model.corrected is None else replace(found, corrected=found.presumed_errors)
 
 
 def fit_unfolded(model: FittedModel, iterations: int) -> FittedModel | None:
