@@ -21,6 +21,9 @@ from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.recording.pushed import PushedRecording, recorded_model
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from tactile_dynamics_ros.api.checks import Check
     from tactile_dynamics_ros.api.pushed_checks import PushedCheck
     from tactile_dynamics_ros.api.pushed_estimates import EstimateOfPushes
@@ -187,6 +190,8 @@ def estimate(
     prior: str | Path | None = None,
     wrist: Recording | str | Path | None = None,
     hand: str | Path | None = None,
+    shape: str | Path | None = None,
+    shape_pose: NDArray[np.float64] | None = None,
 ) -> Estimate: ...
 
 
@@ -205,6 +210,8 @@ def estimate(
     prior: str | Path | None = None,
     wrist: Recording | str | Path | None = None,
     hand: str | Path | None = None,
+    shape: str | Path | None = None,
+    shape_pose: NDArray[np.float64] | None = None,
 ) -> Estimate | EstimateOfPushes: ...
 
 
@@ -216,6 +223,8 @@ def estimate(
     prior: str | Path | None = None,
     wrist: Recording | str | Path | None = None,
     hand: str | Path | None = None,
+    shape: str | Path | None = None,
+    shape_pose: NDArray[np.float64] | None = None,
 ) -> Estimate | EstimateOfPushes:
     """Estimate mass, centre of mass and inertia of a held object, or friction of a pushed one.
 
@@ -228,21 +237,30 @@ def estimate(
         wrist: of `read_wrist`, from the same bag: what the wrist carried meanwhile; or the path of
             the bag, with the default robot.
         hand: file of `Estimate.save` of the hand alone, from such a recording without an object.
+        shape: mesh, cloud, yaml file of the object or JSON of `shape`: its inertia is then one of a
+            body that fills it, with a density whose spread the recording decides.
+        shape_pose: (4, 4) of the shape's axes in the frame of the object's pose; the same if None.
 
     Raises:
         BadInputError: a path cannot be read, contacts and motion do not overlap, an effect is
-            unknown, a file is no body's, one of wrist and hand is missing, or any of them or a tool
-            is given for a pushed object.
+            unknown, a file is no body's, one of wrist and hand is missing, any of them, a shape or
+            a tool is given for a pushed object, or a shape beside any of them.
         NotIdentifiableError: the iteration diverged, or a pushed object slides too little.
     """
     recorded = _recorded(recording)
     if isinstance(recorded, PushedRecording):
-        if tool or wrist or hand:
-            raise BadInputError("tool, wrist, hand: not for an object on a support; leave them out")
+        if tool or wrist or hand or shape:
+            raise BadInputError(
+                "tool, wrist, hand, shape: not for an object on a support; leave them out"
+            )
         return _estimate_pushed(recorded, effects, prior)
     from tactile_dynamics_ros.core.inertia.estimate import estimate as fit
     from tactile_dynamics_ros.recording.yaml_files import read_body
 
+    if shape is not None:
+        if tool or prior or wrist or hand:
+            raise BadInputError("shape: of the recording alone; leave out tool, prior and wrist")
+        return _with_shape(recorded, effects, shape, shape_pose)
     if (wrist is None) != (hand is None):
         raise BadInputError("wrist: expected the recording of the wrist and the file of the hand")
     carried, known = (None if path is None else read_body(path) for path in (tool, prior))
@@ -253,6 +271,19 @@ def estimate(
         felt = read_wrist(wrist) if isinstance(wrist, str | Path) else wrist
         share = WristShare(recorded, felt, read_body(hand))
     return Estimate(recorded, fit(recorded, effects_of(effects)), carried, known, share)
+
+
+def _with_shape(
+    recording: Recording,
+    effects: Effects,
+    shape: str | Path,
+    pose: NDArray[np.float64] | None,
+) -> Estimate:
+    from tactile_dynamics_ros.api.shape_files import read_prior
+    from tactile_dynamics_ros.core.inertia.estimate import estimate as fit
+
+    known = read_prior(shape, pose)
+    return Estimate(recording, fit(recording, effects_of(effects), shape=known), shape=known)
 
 
 def _estimate_pushed(

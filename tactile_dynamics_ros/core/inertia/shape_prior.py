@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -398,6 +399,23 @@ class Weighed:
             return "its surface (hollow)"
         place = 1e3 * field.points[int(np.argmax(density))]
         return "({:.0f}, {:.0f}, {:.0f}) mm".format(*place)
+
+
+    @property
+    def line(self) -> str:
+        """Say what the shape adds, and whether the data contradict an even density."""
+        if self.contradicts:
+            return f"shape contradicts: {self.prior.solid.name} is denser at {self.where}"
+        return f"together with {self.prior.solid.name}, of a density even to {self.spread:.0%}"
+
+    def to_json(self) -> dict[str, Any]:
+        """Return its part of the document of `estimate`."""
+        return {
+            "source": self.prior.solid.name,
+            "density_spread": self.spread,
+            "contradicts": self.contradicts,
+            "denser_at": self.where if self.contradicts else None,
+        }
 
 
 def nearest_density(phi: Array, covariance: Array, masses: Array) -> Array:

@@ -79,7 +79,7 @@ class Solid:
         Raises:
             BadInputError: they enclose nothing.
         """
-        surface = shape.sample_surface()[0][: 2 * _POINTS]
+        surface = shape.points[: 2 * _POINTS]
         return cls((_inside(shape.surfaces, surface, name),), surface, name)
 
     @classmethod
