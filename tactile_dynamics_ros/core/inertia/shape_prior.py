@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -45,6 +46,10 @@ SPREADS = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
 """Standard deviations of the logarithm of density that are weighed: from a cast block to a steel
 head on a wooden handle. Each is as likely as the next before; where data tell nothing, intervals
 are those of the larger ones. Without the largest, intervals of hammers hold too seldom."""
+SKINS = (0.0, 1.0)
+"""Standard deviations of the slope of the logarithm of density by depth, in standard deviations of
+the depth: bodies that are even but hollow are common, and their centre does not show it. Without
+the second, hollow boxes are taken for even ones of wrong inertia."""
 LENGTHS = (0.1, 0.3, 1.0)
 """Lengths over which density is alike, over the longest edge of the box around the body: a bolt in
 a handle, a head, one end against the other. With a single one, bodies that vary otherwise are too
@@ -54,6 +59,17 @@ _DRAWS = 200
 More take longer, fewer make intervals scatter."""
 _SEED = 66
 """Seed of the draws, so that the same file gives the same estimate."""
+_ROUNDING = 1e-6
+"""Variance of each point's own density, over that of the field, so that rounding leaves its
+covariance positive. It averages out over the points; at 0 the root fails."""
+_ROWS, _COLUMNS = np.array([0, 1, 0, 0, 1, 2]), np.array([1, 2, 2, 3, 3, 3])
+"""Places of shears and centre in the factor of the pseudo-inertia. Fixed by the order of the
+log-Cholesky coordinates."""
+_INEXACT = 0.01
+"""How exact shapes are: radii of gyration, and place and turn of the shape in the frame of the
+object, to 1 % of the radius along each axis; 0.3 mm on a box of 10 cm. Random places in the volume, and meshes
+beside what was made of them, are off by as much. At 0 boxes without products of inertia are
+known to have none, which random places are not."""
 _THINNEST = 1e-4
 """Standard deviation of the depth, over the body's size, that is presumed at least: sheets have
 none, and nothing to tell hollow from even."""
@@ -115,21 +131,26 @@ class Field:
         depth = (depth - depth.mean()) / max(float(depth.std()), _THINNEST * size)
         apart = cdist(volume.points, volume.points, "sqeuclidean") / size**2
         fields = [np.exp(-0.5 * apart / length**2) for length in LENGTHS]
-        fields += [volume.part[:, None] == volume.part, np.outer(depth, depth)]
+        fields.append(volume.part[:, None] == volume.part)
         alike = np.mean(fields, axis=0)
         return cls(volume.points, point_masses(volume.points), alike, depth)
 
     @cached_property
     def drawn(self) -> Array:
         """(N, D) fields at spread 1, each with its negative."""
-        values, vectors = np.linalg.eigh(self.alike)
-        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        root = np.linalg.cholesky(self.alike + _ROUNDING * np.eye(len(self.alike)))
         half = root @ np.random.default_rng(_SEED).normal(size=(len(root), _DRAWS))
         return np.concatenate([half, -half], axis=1)
 
-    def bodies(self, spread: float) -> Array:
-        """(D, 9) coordinates of bodies of such densities: radii, shears, centre."""
-        logs = spread * self.drawn
+    def bodies(self, spread: float, skin: float) -> Array:
+        """(D, 9) coordinates of bodies of such densities: radii, shears, centre.
+
+        Args:
+            spread: of the logarithm of density.
+            skin: of its slope by depth.
+        """
+        slope = np.random.default_rng(_SEED + 1).normal(size=_DRAWS)
+        logs = spread * self.drawn + skin * np.outer(self.depth, np.append(slope, -slope))
         density = np.exp(logs - logs.max(axis=0))
         return coordinates(density.T @ self.masses)
 
@@ -157,10 +178,13 @@ class ShapePrior:
 
     @cached_property
     def unclear(self) -> Array:
-        """(9, 9) covariance of the even body where there are several readings of its volume."""
+        """(9, 9) covariance of the even body: readings of its volume, and how exact shapes are."""
         even = np.array([field.even for field in self.fields])
         apart = even - even.mean(axis=0)
-        return np.asarray(apart.T @ apart / max(len(even) - 1, 1))
+        second = pseudo_inertia(self.fields[0].masses.mean(axis=0))
+        radii = np.sqrt(np.diag(second)[:3] - second[:3, 3] ** 2)
+        inexact = _INEXACT * np.append(np.ones(3), radii[_ROWS])
+        return np.asarray(apart.T @ apart / max(len(even) - 1, 1) + np.diag(inexact**2))
 
     @property
     def scale(self) -> Array:
@@ -174,17 +198,18 @@ class ShapePrior:
         radius = float(np.exp(even[:3].max()))
         return LogCholeskyPrior(np.append(0.0, even), np.append(_WIDE, np.full(6, radius)))
 
-    def gaussian(self, field: Field, spread: float) -> tuple[Array, Array, float]:
+    def gaussian(self, field: Field, spread: float, skin: float) -> tuple[Array, Array, float]:
         """Normal prior of the nine coordinates that do not depend on the mass.
 
         Args:
             field: reading of the volume.
             spread: of the logarithm of density.
+            skin: of its slope by depth.
 
         Returns:
             (9, 9) root of its information, (9,) its mean, half the logarithm of its determinant.
         """
-        bodies = field.bodies(spread) / self.scale
+        bodies = field.bodies(spread, skin) / self.scale
         covariance = np.cov(bodies.T) + self.unclear / np.outer(self.scale, self.scale)
         values, vectors = np.linalg.eigh(covariance)
         std = np.sqrt(np.maximum(values, _FLATTEST * values[-1]))
@@ -193,8 +218,8 @@ class ShapePrior:
 
     def weigh(self, seen: Seen) -> Weighed:
         """Hold every spread, length and volume against the data."""
-        pairs = ((field, spread) for field in self.fields for spread in SPREADS)
-        found = [Belief.of(self, field, spread, seen) for field, spread in pairs]
+        cases = product(self.fields, SPREADS, SKINS)
+        found = [Belief.of(self, field, spread, skin, seen) for field, spread, skin in cases]
         return Weighed(self, seen, tuple(found))
 
 
@@ -209,7 +234,7 @@ def coordinates(phi: Array) -> Array:
     flipped = np.linalg.cholesky(pseudo_inertia(phi)[..., ::-1, ::-1])
     upper = flipped[..., ::-1, ::-1] / flipped[..., :1, :1]
     logs = np.log(np.diagonal(upper, axis1=-2, axis2=-1)[..., :3])
-    shears = upper[..., [0, 1, 0, 0, 1, 2], [1, 2, 2, 3, 3, 3]]
+    shears = upper[..., _ROWS, _COLUMNS]
     return np.concatenate([logs, shears], axis=-1)
 
 
@@ -276,8 +301,9 @@ class Belief:
     """The body under one spread, length and volume, after the data.
 
     Attributes:
-        field: volume and length.
-        spread: of density.
+        field: reading of the volume.
+        spread: of the logarithm of density.
+        skin: of its slope by depth.
         xi: (10,) most likely log-Cholesky coordinates.
         covariance: (10, 10) of them.
         evidence: logarithm, up to a constant (Laplace).
@@ -287,22 +313,26 @@ class Belief:
 
     field: Field
     spread: float
+    skin: float
     xi: Array
     covariance: Array
     evidence: float
     surprise: float
 
     @classmethod
-    def of(cls, prior: ShapePrior, field: Field, spread: float, seen: Seen) -> Belief:
+    def of(
+        cls, prior: ShapePrior, field: Field, spread: float, skin: float, seen: Seen
+    ) -> Belief:
         """Combine; the mass is free, and the other coordinates do not depend on it.
 
         Args:
             prior: of the shape.
             field: reading of its volume.
-            spread: of density.
+            spread: of the logarithm of density.
+            skin: of its slope by depth.
             seen: the data.
         """
-        white, start, log_volume = prior.gaussian(field, spread)
+        white, start, log_volume = prior.gaussian(field, spread, skin)
         start = np.concatenate([[0.5 * np.log(seen.phi[0])], start])
 
         def evaluate(xi: Array) -> tuple[Array, Array]:
@@ -318,7 +348,7 @@ class Belief:
         squares = float(residual @ residual)
         halves = 0.5 * float(np.linalg.slogdet(information)[1]) + log_volume
         covariance = np.linalg.inv(information)
-        return cls(field, spread, xi, covariance, -0.5 * squares - halves, squares)
+        return cls(field, spread, skin, xi, covariance, -0.5 * squares - halves, squares)
 
 
 @dataclass(frozen=True)
@@ -370,7 +400,7 @@ class Weighed:
     @property
     def contradicts(self) -> bool:
         """Whether no reading of the shape with an even density explains the data."""
-        least = min(b.surprise for b in self.beliefs if b.spread <= _EVEN)
+        least = min(b.surprise for b in self.beliefs if b.spread <= _EVEN and not b.skin)
         return bool(chdtrc(9, max(least, 0.0)) < _CONTRADICTED)
 
     @property
@@ -390,7 +420,8 @@ class Weighed:
         units = np.append(np.full(3, size), np.full(6, size**2))
         mean = field.masses.mean(axis=0)
         at = (field.masses - mean)[:, 1:] / units
-        response = field.alike @ at / len(at)
+        alike = best.spread**2 * field.alike + best.skin**2 * np.outer(field.depth, field.depth)
+        response = alike @ at / len(at)
         apart = (phi / phi[0] - mean)[1:] / units
         moved = np.linalg.lstsq(at.T @ response / len(at), apart, rcond=_FLATTEST)[0]
         density = response @ moved

@@ -8,17 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay, QhullError, cKDTree
+from scipy.stats.qmc import Sobol
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.shape.object_shape import ObjectShape, Surface
 
 Array = NDArray[np.float64]
 
-_POINTS = 1000
-"""Points of a volume. Moments of an even body are then known to 3 % of a radius of gyration, less
-than any density is even. Twice as many take four times as long (covariances of all pairs)."""
+_POINTS = 1024
+"""Points of a volume, a power of two as evenly spread places are. Moments of an even box are then
+off by 0.3 %. Twice as many take four times as long (covariances of all pairs)."""
 _TRIES = 64
-"""Random places per point that is kept, at most, in the box around a surface: a body that fills a
+"""Places per point that is kept, at most, in the box around a surface: a body that fills a
 sixtieth of its box still has all its points. Thinner ones have fewer, down to `_FEWEST`."""
 _FEWEST = 50
 """Points of a volume at least; a surface with fewer inside is open or turned inside out. Lower lets
@@ -119,12 +120,12 @@ class Solid:
 
 
 def _inside(surfaces: Sequence[Surface], about: Array, name: str) -> Volume:
-    """Random places in the box around a surface that lie inside of it."""
+    """Evenly spread places in the box around a surface that lie inside of it. Source: Sobol 1967."""
     low, high = about.min(axis=0), about.max(axis=0)
-    rng = np.random.default_rng(_SEED)
+    spread = Sobol(3, rng=_SEED)
     points, parts, count = [], [], 0
     for _ in range(_TRIES):
-        places = rng.uniform(low, high, (_POINTS, 3))
+        places = low + (high - low) * spread.random(_POINTS)
         depth = np.array([surface.distance(places)[0] for surface in surfaces])
         inside = depth.min(axis=0) < 0.0
         points.append(places[inside])
@@ -159,7 +160,8 @@ def _circumscribed(corners: Array, least: float) -> tuple[Array, Array]:
 
 def _fill(corners: Array, volume: Array, rng: np.random.Generator) -> Volume:
     """Random places in tetrahedra, as many as their volume asks for."""
-    chosen = rng.choice(len(corners), _POINTS, p=volume / volume.sum())
+    steps = (np.arange(_POINTS) + rng.random()) / _POINTS
+    chosen = np.searchsorted(np.cumsum(volume), steps * volume.sum())
     shares = rng.dirichlet(np.ones(4), _POINTS)
     points = np.einsum("nk,nki->ni", shares, corners[chosen])
     return Volume(points, np.zeros(_POINTS, dtype=np.int64))
