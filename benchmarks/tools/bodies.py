@@ -10,7 +10,8 @@ import trimesh
 
 from benchmarks.inertia.scores import deviations
 from tactile_dynamics_ros.core.inertia.estimate import estimate
-from tactile_dynamics_ros.core.inertia.shape_prior import ShapePrior, with_shape
+from tactile_dynamics_ros.core.inertia.shape_prior import ShapePrior
+from tactile_dynamics_ros.core.inertia.shape_weighing import with_shape
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.shape.object_shape import MeshSurface, ObjectShape
 from tactile_dynamics_ros.core.shape.solid import Solid

@@ -64,7 +64,9 @@ def tools(folder: Path) -> list[str]:
 
 def read_case(folder: Path, name: str, level: str, seed: int) -> Case:
     """Read a tool and add noise."""
-    arrays = {key: one.astype(float) for key, one in np.load(folder / f"{name.lower()}.npz").items()}
+    arrays = {
+        key: one.astype(float) for key, one in np.load(folder / f"{name.lower()}.npz").items()
+    }
     described = json.loads((folder / "truth.json").read_text())[name]
     grasp = np.array(described["grasp"])
     turn, shift = grasp[:3, :3], grasp[:3, 3]

@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
     from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate
     from tactile_dynamics_ros.core.inertia.batch.knowledge import Comparison as MemoryComparison
-    from tactile_dynamics_ros.core.inertia.shape_prior import ShapePrior, Weighed
+    from tactile_dynamics_ros.core.inertia.shape_prior import ShapePrior
+    from tactile_dynamics_ros.core.inertia.shape_weighing import Weighed
     from tactile_dynamics_ros.core.rigid_body.inertial_parameters import KnownBody
     from tactile_dynamics_ros.export import Export
     from tactile_dynamics_ros.recording import Recording
@@ -95,7 +96,7 @@ class Estimate(ReportedResult):
 
     @cached_property
     def _shaped(self) -> tuple[InertialEstimate, Weighed] | None:
-        from tactile_dynamics_ros.core.inertia.shape_prior import with_shape
+        from tactile_dynamics_ros.core.inertia.shape_weighing import with_shape
 
         return None if self.shape is None else with_shape(self.model, self.shape)
 
@@ -160,7 +161,9 @@ class Estimate(ReportedResult):
         from tactile_dynamics_ros.core.rigid_body.inertial_parameters import KnownBody
 
         if self.shape is not None:
-            raise BadInputError("save: what recordings tell; leave out the shape, and name it later")
+            raise BadInputError(
+                "save: what recordings tell; leave out the shape, and name it later"
+            )
         self.require_answer()
         combined = self.prior is not None and not self.changed
         earlier = self.prior if combined else None

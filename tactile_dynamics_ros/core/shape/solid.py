@@ -8,16 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay, QhullError, cKDTree
-from scipy.stats.qmc import Sobol
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.shape.object_shape import ObjectShape, Surface
 
 Array = NDArray[np.float64]
 
-_POINTS = 1024
-"""Points of a volume, a power of two as evenly spread places are. Moments of an even box are then
-off by 0.3 %. Twice as many take four times as long (covariances of all pairs)."""
+_POINTS = 1000
+"""Points of a volume. Moments of an even box are then off by less than 1 %. Twice as many take four times as long (covariances of all pairs)."""
 _TRIES = 64
 """Places per point that is kept, at most, in the box around a surface: a body that fills a
 sixtieth of its box still has all its points. Thinner ones have fewer, down to `_FEWEST`."""
@@ -37,6 +35,9 @@ tetrahedra. It moves no volume; at zero flat faces are lost at random."""
 _SMALLEST_TETRAHEDRON = 1e-12
 """Volume of a tetrahedron, in cubes of the spacing, below which it counts as flat and as none.
 Far above rounding; larger ones would leave holes."""
+_STEPS = 1.2207440846057596 ** -np.arange(1.0, 4.0)
+"""Steps of evenly spread places along three axes: powers of the root of x^4 = x + 1, whose
+multiples never come together. Random ones would leave moments off by 3 %."""
 _SEED = 66
 """Seed of all samples, so that the same file gives the same estimate."""
 
@@ -120,12 +121,15 @@ class Solid:
 
 
 def _inside(surfaces: Sequence[Surface], about: Array, name: str) -> Volume:
-    """Evenly spread places in the box around a surface that lie inside of it. Source: Sobol 1967."""
+    """Evenly spread places in the box around a surface that lie inside of it.
+
+    Source: Roberts 2018 (R3, an additive recurrence of low discrepancy).
+    """
     low, high = about.min(axis=0), about.max(axis=0)
-    spread = Sobol(3, rng=_SEED)
     points, parts, count = [], [], 0
-    for _ in range(_TRIES):
-        places = low + (high - low) * spread.random(_POINTS)
+    for round_ in range(_TRIES):
+        steps = np.arange(round_ * _POINTS, (round_ + 1) * _POINTS)[:, None]
+        places = low + (high - low) * ((0.5 + steps * _STEPS) % 1.0)
         depth = np.array([surface.distance(places)[0] for surface in surfaces])
         inside = depth.min(axis=0) < 0.0
         points.append(places[inside])
@@ -165,4 +169,3 @@ def _fill(corners: Array, volume: Array, rng: np.random.Generator) -> Volume:
     shares = rng.dirichlet(np.ones(4), _POINTS)
     points = np.einsum("nk,nki->ni", shares, corners[chosen])
     return Volume(points, np.zeros(_POINTS, dtype=np.int64))
-
