@@ -32,7 +32,7 @@ SPREADS = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
 """Standard deviations of the logarithm of density that are weighed: from a cast block to a steel
 head on a wooden handle. Each is as likely as the next before; where data tell nothing, intervals
 are those of the larger ones. Without the largest, intervals of hammers hold too seldom."""
-SKINS = (0.0, 1.0, 2.0)
+SKINS = (0.0, 1.0)
 """Standard deviations of the slope of the logarithm of density by depth, in standard deviations of
 the depth: bodies that are even but hollow are common, and their centre does not show it. Without
 the second, hollow boxes are taken for even ones of wrong inertia."""
