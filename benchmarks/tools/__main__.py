@@ -192,8 +192,8 @@ def body_table(rows: Sequence[dict[str, Any]]) -> list[str]:
     ]
     return lines + [
         f"| {row['kind']} | {row['n']} | {row['coverage_90_plain']:.1%}, "
-        f"{row['coverage_90']:.1%} | {row['worst_std']:.1f} | {row['narrower']:.2f} | {row['moments_median']:.1%}, "
-        f"{row['moments_worst']:.0%} | {row['contradicts']} |"
+        f"{row['coverage_90']:.1%} | {row['worst_std']:.1f} | {row['narrower']:.2f} | "
+        f"{row['moments_median']:.1%}, {row['moments_worst']:.0%} | {row['contradicts']} |"
         for row in rows
     ]
 
@@ -204,15 +204,15 @@ def section(lines: Sequence[str], below: Sequence[str], command: str) -> str:
         "## Shape as prior, where motion is little",
         "",
         "Twenty workshop tools of several materials on a wrist sensor, 10 s of stop and go",
-        "(Nadeau, Giamou, Kelly 2023), noise of their three levels; the shape is 2000 points of the",
-        "surface. We get poses whose smoothed accelerations are as noisy as theirs, and estimate",
-        "the sensor's zero as well. Peers get those accelerations, or true ones with white noise,",
-        "as in the paper (`accelerations`), and know that the zero is zero; GEO has the weight that",
-        "was best by its median, HPS clusters of the volume for its parts. The distance is",
-        "affine-invariant, infinite for bodies that cannot exist.",
+        "(Nadeau, Giamou, Kelly 2023), noise of their three levels; the shape is 2000 points of",
+        "the surface. We get poses whose smoothed accelerations are as noisy as theirs, and",
+        "estimate the sensor's zero as well. Peers get those accelerations, or true ones with",
+        "white noise, as in the paper (`accelerations`), and know that the zero is zero; GEO has",
+        "the weight that was best by its median, HPS clusters of the volume for its parts. The",
+        "distance is affine-invariant, infinite for bodies that cannot exist.",
         "",
         "Below, boxes and cylinders that a simulated hand hardly moves for 10 s, with their mesh:",
-        "even, with half of their mass in a point at one end, or with walls of a tenth of the width.",
+        "even, with half of their mass in a point at one end, or with walls of a tenth of a width.",
     ]
     return compose_section("tools", text, command, [*lines, "", *below])
 

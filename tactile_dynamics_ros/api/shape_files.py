@@ -22,8 +22,8 @@ from tactile_dynamics_ros.recording.clouds import read_clouds
 Array = NDArray[np.float64]
 
 _SURFACE_POINTS = 4000
-"""Points of a mesh that is not closed, which is then read as a cloud: on a tool of 20 cm one per 3
-mm. Fewer lose thin parts, more take longer to connect."""
+"""Points of a mesh that is not closed or turned inside out, which is then read as a cloud: on a
+tool of 20 cm one per 3 mm. Fewer lose thin parts, more take longer to connect."""
 
 
 def read_prior(path: str | Path, pose: Array | None = None) -> ShapePrior:
@@ -48,17 +48,17 @@ def _read_solid(path: Path) -> Solid:
         return Solid.of_shape(_read_parts(path), name)
     if suffix in (".yaml", ".yml"):
         return Solid.of_shape(load_shape(path), name)
-    mesh = _closed(path) if suffix in MESH_SUFFIXES else None
+    mesh = _triangles(path) if suffix in MESH_SUFFIXES else None
     if mesh is None:
         return Solid.of_cloud(read_clouds([path]).points, name)
-    if mesh.is_watertight:
+    if mesh.is_volume:
         return Solid.of_shape(load_shape(path), name)
     from trimesh.sample import sample_surface
 
     return Solid.of_cloud(np.asarray(sample_surface(mesh, _SURFACE_POINTS, seed=0)[0]), name)
 
 
-def _closed(path: Path) -> Any:
+def _triangles(path: Path) -> Any:
     """Triangles of a file; None if it has points alone."""
     try:
         return read_mesh(path, "the shape of an object")

@@ -59,7 +59,7 @@ inertia at all, which no box in a hand is."""
 _THINNEST = 1e-4
 """Standard deviation of the depth, over the body's size, that is presumed at least: sheets have
 none, and nothing to tell hollow from even."""
-_WIDE = np.array([2.0, 1.0, 1.0, 1.0])
+WIDE = np.array([2.0, 1.0, 1.0, 1.0])
 """Standard deviations of half the logarithm of the mass and of the logarithms of the three radii
 with which a fit is begun from the shape; shears and centre have a radius of gyration. Wider than
 density can make any body in the shape. What the fit learns from it is taken out again."""
@@ -164,6 +164,12 @@ class ShapePrior:
         return tuple(Field.of(volume, surface, size) for volume in self.solid.volumes)
 
     @cached_property
+    def masses(self) -> Array:
+        """(N, 10) dynamic parameters of unit masses wherever there may be mass."""
+        inside = [field.masses for field in self.fields]
+        return np.concatenate([point_masses(self.solid.surface), *inside])
+
+    @cached_property
     def unclear(self) -> Array:
         """(9, 9) covariance of the even body: readings of its volume, and how exact shapes are."""
         even = np.array([field.even for field in self.fields])
@@ -183,7 +189,7 @@ class ShapePrior:
         """A wide prior about the even body of 1 kg, for `fit_from`."""
         even = np.mean([field.even for field in self.fields], axis=0)
         radius = float(np.exp(even[:3].max()))
-        return LogCholeskyPrior(np.append(0.0, even), np.append(_WIDE, np.full(6, radius)))
+        return LogCholeskyPrior(np.append(0.0, even), np.append(WIDE, np.full(6, radius)))
 
     @cached_property
     def gaussians(self) -> tuple[Gaussian, ...]:

@@ -8,9 +8,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 from scipy.optimize import nnls
 from scipy.special import chdtrc, logsumexp
 
+from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import (
     PARAMETER_NAMES,
@@ -19,9 +21,9 @@ from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import (
 from tactile_dynamics_ros.core.inertia.batch.knowledge import larger_than_body
 from tactile_dynamics_ros.core.inertia.shape_prior import (
     FLATTEST,
+    WIDE,
     Gaussian,
     ShapePrior,
-    point_masses,
 )
 from tactile_dynamics_ros.core.numerics.least_squares import levenberg_marquardt
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
@@ -35,6 +37,9 @@ Array = NDArray[np.float64]
 _EVEN = 0.1
 """Spread up to which a body counts as even, for the question whether data contradict the shape:
 walls and labels of a full box, rounding of a mesh. Smaller ones call such bodies uneven."""
+_CANNOT_BE = 1e-6
+"""Probability of the data, of the best body inside the hull, below which the shape is refused: it
+lies elsewhere, or is of another unit. Nearer to 1 refuses rough meshes."""
 _CONTRADICTED = 1e-3
 """Probability, of an even body, below which the shape is said to be contradicted: one of a thousand
 even bodies is by chance. Higher warns more often of nothing, lower later of ballast."""
@@ -133,15 +138,16 @@ class Belief:
 
     @classmethod
     def of(cls, prior: Gaussian, seen: Seen) -> Belief:
-        """Combine; the mass is free, and the other coordinates do not depend on it."""
-        white = prior.white
-        start = np.append(0.5 * np.log(seen.phi[0]), prior.mean)
+        """Combine; the mass is as good as free, and the other coordinates do not depend on it."""
+        centre = np.append(0.5 * np.log(seen.phi[0]), prior.mean)
+        white = block_diag(1.0 / WIDE[0], prior.white)
+        start = centre.copy()
+        start[7:] = seen.phi[1:4] / seen.phi[0]  # far from it, a small mass fits as well
 
         def evaluate(xi: Array) -> tuple[Array, Array]:
             apart = dynamic_parameters_from_log_cholesky(xi) - seen.phi
-            residual = [seen.root @ apart - seen.target, white @ (xi[1:] - start[1:])]
-            beside = np.zeros((9, 1))
-            jacobian = [seen.root @ log_cholesky_jacobian(xi), np.hstack([beside, white])]
+            residual = [seen.root @ apart - seen.target, white @ (xi - centre)]
+            jacobian = [seen.root @ log_cholesky_jacobian(xi), white]
             return np.concatenate(residual), np.concatenate(jacobian)
 
         xi, _ = levenberg_marquardt(evaluate, start, _MOST_STEPS, _TOLERANCE)
@@ -209,9 +215,7 @@ class Weighed:
     @property
     def body(self) -> InertialParameters:
         """The nearest body of positive density inside the shape's hull."""
-        inside = [field.masses for field in self.prior.fields]
-        masses = np.concatenate([point_masses(self.prior.solid.surface), *inside])
-        phi = nearest_density(self.phi, self.covariance, masses)
+        phi = nearest_density(self.phi, self.covariance, self.prior.masses)
         return InertialParameters.from_dynamic_parameters(phi)
 
     @property
@@ -275,6 +279,20 @@ def nearest_density(phi: Array, covariance: Array, masses: Array) -> Array:
     return np.asarray(phi[0] * (shares @ masses + even))
 
 
+def _require_fit(seen: Seen, prior: ShapePrior) -> None:
+    rows = seen.root @ prior.masses.T
+    _, misfit = nnls(rows, seen.root @ seen.phi + seen.target)
+    if chdtrc(10, misfit**2) < _CANNOT_BE:
+        centre = ", ".join(f"{1e3 * one:.0f}" for one in seen.phi[1:4] / seen.phi[0])
+        low, high = (getattr(1e3 * prior.solid.surface, one)(axis=0) for one in ("min", "max"))
+        reach = ", ".join(f"{a:.0f} to {b:.0f}" for a, b in zip(low, high, strict=True))
+        raise BadInputError(
+            f"shape {prior.solid.name}: no body inside it moves as measured (centre of mass "
+            f"({centre}) mm, shape {reach} mm); expected metres in the axes of the object's pose; "
+            "--shape-pose moves it"
+        )
+
+
 def with_shape(model: FittedModel, prior: ShapePrior) -> tuple[InertialEstimate, Weighed]:
     """Combine a fit with what the shape tells.
 
@@ -284,8 +302,13 @@ def with_shape(model: FittedModel, prior: ShapePrior) -> tuple[InertialEstimate,
 
     Returns:
         The estimate of a body that fits in the shape's hull, and what was weighed.
+
+    Raises:
+        BadInputError: no body inside the shape's hull explains the data.
     """
-    weighed, estimate = weigh(Seen.of(model), prior), model.to_estimate()
+    seen, estimate = Seen.of(model), model.to_estimate()
+    _require_fit(seen, prior)
+    weighed = weigh(seen, prior)
     body = weighed.body
     unknown = set(larger_than_body(body, weighed.covariance))
     unknown |= {"mass"} & set(estimate.not_excited)

@@ -15,7 +15,8 @@ from tactile_dynamics_ros.core.shape.object_shape import ObjectShape, Surface
 Array = NDArray[np.float64]
 
 _POINTS = 1000
-"""Points of a volume. Moments of an even box are then off by less than 1 %. Twice as many take four times as long (covariances of all pairs)."""
+"""Points of a volume. Moments of an even box are then off by less than 1 %. Twice as many take four
+times as long (covariances of all pairs)."""
 _TRIES = 64
 """Places per point that is kept, at most, in the box around a surface: a body that fills a
 sixtieth of its box still has all its points. Thinner ones have fewer, down to `_FEWEST`."""
