@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
     from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate
     from tactile_dynamics_ros.core.inertia.batch.knowledge import Comparison as MemoryComparison
+    from tactile_dynamics_ros.core.inertia.shape_prior import ShapePrior
+    from tactile_dynamics_ros.core.inertia.shape_weighing import Weighed
     from tactile_dynamics_ros.core.rigid_body.inertial_parameters import KnownBody
     from tactile_dynamics_ros.export import Export
     from tactile_dynamics_ros.recording import Recording
@@ -44,6 +46,7 @@ class Estimate(ReportedResult):
         wrist: what a wrist sensor measures of it beside the fingertips.
         uncorrected: `fit_with_readings` of a body alone, if there is one already.
         rivals: with effects that the recording cannot distinguish from those of the model.
+        shape: what the object fills; the model is then fitted from it.
     """
 
     recording: Recording
@@ -53,6 +56,7 @@ class Estimate(ReportedResult):
     wrist: WristShare | None = None
     uncorrected: FittedModel | None = None
     rivals: tuple[InertialEstimate, ...] = ()
+    shape: ShapePrior | None = None
 
     @cached_property
     def question(self) -> Question:
@@ -84,10 +88,17 @@ class Estimate(ReportedResult):
             without_tool,
         )
 
-        chosen = replace(self.model.to_estimate(), error=ModelError(**self.question.error()))
+        fitted = self.model.to_estimate() if self._shaped is None else self._shaped[0]
+        chosen = replace(fitted, error=ModelError(**self.question.error()))
         both = beside_rivals(chosen, self.rivals)
         own = both if self.tool is None else without_tool(both, self.tool)
         return (own, None) if self.wrist is None else with_memory(own, self.wrist.known)
+
+    @cached_property
+    def _shaped(self) -> tuple[InertialEstimate, Weighed] | None:
+        from tactile_dynamics_ros.core.inertia.shape_weighing import with_shape
+
+        return None if self.shape is None else with_shape(self.model, self.shape)
 
     @cached_property
     def _combined(self) -> tuple[InertialEstimate, MemoryComparison | None]:
@@ -104,7 +115,8 @@ class Estimate(ReportedResult):
     @property
     def notes(self) -> tuple[str, ...]:  # type: ignore[override]
         """Sentences on the tool, on the wrist and on what was known before."""
-        return (*self._tool_notes(), *self._wrist_notes(), *self._memory_notes())
+        found = (*self._tool_notes(), *self._wrist_notes(), *self._memory_notes())
+        return found if self._shaped is None else (*found, self._shaped[1].line)
 
     def _wrist_notes(self) -> list[str]:
         comparison = self._with_wrist[1]
@@ -140,9 +152,18 @@ class Estimate(ReportedResult):
         return [before, f"effects that it had: {', '.join(sorted(known))}; add them by --effects"]
 
     def known(self) -> KnownBody:
-        """Return what is known of the body now, as files of bodies hold it."""
+        """Return what is known of the body now, as files of bodies hold it.
+
+        Raises:
+            BadInputError: there is a shape, which would count again with each recording.
+            NotIdentifiableError: the numbers are no answer.
+        """
         from tactile_dynamics_ros.core.rigid_body.inertial_parameters import KnownBody
 
+        if self.shape is not None:
+            raise BadInputError(
+                "save: what recordings tell; leave out the shape, and name it later"
+            )
         self.require_answer()
         combined = self.prior is not None and not self.changed
         earlier = self.prior if combined else None
@@ -192,6 +213,8 @@ class Estimate(ReportedResult):
             apart = self._with_wrist[1]
             differs = [] if apart is None else apart.changed
             document["wrist"] = self.wrist.to_json() | {"differs": differs}
+        if self._shaped is not None:
+            document["shape"] = self._shaped[1].to_json()
         comparison = self._combined[1]
         if self.prior is not None and comparison is not None:
             document["prior"] = {

@@ -29,6 +29,9 @@ from tactile_dynamics_ros.recording.kinds import recorded_kind
 from tactile_dynamics_ros.recording.pushed import PushedRecording
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from tactile_dynamics_ros.api.checks import Check
     from tactile_dynamics_ros.api.joint_checks import JointCheck
     from tactile_dynamics_ros.api.joint_estimates import EstimateOfJoints
@@ -216,6 +219,8 @@ def estimate(
     prior: str | Path | None = None,
     wrist: Recording | str | Path | None = None,
     hand: str | Path | None = None,
+    shape: str | Path | None = None,
+    shape_pose: NDArray[np.float64] | None = None,
 ) -> Estimate: ...
 
 
@@ -246,6 +251,8 @@ def estimate(
     hand: str | Path | None = None,
     without: JointRecording | str | Path | None = None,
     known_load: float | None = None,
+    shape: str | Path | None = None,
+    shape_pose: NDArray[np.float64] | None = None,
 ) -> Estimate | EstimateOfPushes | EstimateOfJoints: ...
 
 
@@ -259,6 +266,8 @@ def estimate(
     hand: str | Path | None = None,
     without: JointRecording | str | Path | None = None,
     known_load: float | None = None,
+    shape: str | Path | None = None,
+    shape_pose: NDArray[np.float64] | None = None,
 ) -> Estimate | EstimateOfPushes | EstimateOfJoints:
     """Estimate a held object, a pushed one, or payload and friction of an arm by its torques.
 
@@ -273,11 +282,14 @@ def estimate(
         hand: file of `Estimate.save` of the hand alone, from such a recording without an object.
         without: of an arm by its torques: the recording without the payload, or its path.
         known_load: likewise: the payload's mass, kg, if it was weighed; tells gains of drives.
+        shape: mesh, cloud, yaml file of the object or JSON of `shape`: its inertia is then one of a
+            body that fills it, with a density whose spread the recording decides.
+        shape_pose: (4, 4) of the shape's axes in the frame of the object's pose; the same if None.
 
     Raises:
         BadInputError: a path cannot be read, contacts and motion do not overlap, an effect is
-            unknown, a file is no body's, one of wrist and hand is missing, or any of them or a tool
-            is given for a pushed object.
+            unknown, a file is no body's, one of wrist and hand is missing, any of them, a shape or
+            a tool is given for a pushed object, or a shape beside any of them.
         NotIdentifiableError: the iteration diverged, or a pushed object slides too little.
     """
     recorded = _recorded(recording)
@@ -290,12 +302,18 @@ def estimate(
     if without is not None or known_load is not None:
         raise BadInputError("without, known_load: for an arm by its joint torques; leave them out")
     if isinstance(recorded, PushedRecording):
-        if tool or wrist or hand:
-            raise BadInputError("tool, wrist, hand: not for an object on a support; leave them out")
+        if tool or wrist or hand or shape:
+            raise BadInputError(
+                "tool, wrist, hand, shape: not for an object on a support; leave them out"
+            )
         return _estimate_pushed(recorded, effects, prior)
     from tactile_dynamics_ros.core.inertia.estimate import estimate as fit
     from tactile_dynamics_ros.recording.yaml_files import read_body
 
+    if shape is not None:
+        if tool or prior or wrist or hand:
+            raise BadInputError("shape: of the recording alone; leave out tool, prior and wrist")
+        return _with_shape(recorded, effects, shape, shape_pose)
     if (wrist is None) != (hand is None):
         raise BadInputError("wrist: expected the recording of the wrist and the file of the hand")
     carried, known = (None if path is None else read_body(path) for path in (tool, prior))
@@ -306,6 +324,19 @@ def estimate(
         felt = read_wrist(wrist) if isinstance(wrist, str | Path) else wrist
         share = WristShare(recorded, felt, read_body(hand))
     return Estimate(recorded, fit(recorded, effects_of(effects)), carried, known, share)
+
+
+def _with_shape(
+    recording: Recording,
+    effects: Effects,
+    shape: str | Path,
+    pose: NDArray[np.float64] | None,
+) -> Estimate:
+    from tactile_dynamics_ros.api.shape_files import read_prior
+    from tactile_dynamics_ros.core.inertia.estimate import estimate as fit
+
+    known = read_prior(shape, pose)
+    return Estimate(recording, fit(recording, effects_of(effects), shape=known), shape=known)
 
 
 def _estimate_pushed(

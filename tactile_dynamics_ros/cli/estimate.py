@@ -8,6 +8,9 @@ from argparse import Namespace, _SubParsersAction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from tactile_dynamics_ros.cli.recordings import (
     add_recording_arguments,
     model_of,
@@ -19,12 +22,15 @@ from tactile_dynamics_ros.cli.recordings import (
 )
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.options import POSITIVE, file_to_write, folder_to_write
+from tactile_dynamics_ros.core.rigid_body.rotation import pose_of
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.api.estimates import Estimate
     from tactile_dynamics_ros.api.joint_estimates import EstimateOfJoints
     from tactile_dynamics_ros.api.pushed_estimates import EstimateOfPushes
     from tactile_dynamics_ros.recording import Recording
+
+Array = NDArray[np.float64]
 
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:
@@ -46,8 +52,16 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     parser.add_argument(
         "--shape",
         metavar="FILE",
-        help="of --export moveit: yaml file of an object, or mesh (m), in the axes of its pose; "
-        "else the box with the same inertia",
+        help="the object fills this shape, with a density that the recording decides: mesh (m), "
+        "cloud of points from all sides, yaml file of an object, or JSON of `shape` (axes of its "
+        "first part); --export moveit prints it too, if it is a mesh or yaml file",
+    )
+    parser.add_argument(
+        "--shape-pose",
+        nargs=6,
+        type=float,
+        metavar=("X", "Y", "Z", "ROLL", "PITCH", "YAW"),
+        help="of the shape's axes in those of the object's pose, m and deg; else they are the same",
     )
     parser.add_argument(
         "--tool",
@@ -106,8 +120,8 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
 
 def run(args: Namespace) -> int:
     """Estimate and print; the exit code is 3 where the numbers are no answer."""
-    if args.shape and not args.export:
-        raise BadInputError("--shape is of --export moveit")
+    if args.shape_pose and not args.shape:
+        raise BadInputError("--shape-pose is of --shape; name its file too")
     args.model = model_of(args)  # asked of the recording once
     if args.model == "pushed":
         return _estimate_pushed(args)
@@ -118,6 +132,8 @@ def run(args: Namespace) -> int:
     if args.without or args.known_load:
         raise BadInputError("--without, --known-load: for an arm by its joint torques")
     known = {"tool": args.tool, "prior": args.prior}
+    if _as_prior(args):
+        known |= {"shape": args.shape, "shape_pose": _shape_pose(args)}
     if args.carried:
         found = estimate(_read_wrist(args), read_effects(args), **known)
     elif args.wrist:
@@ -126,6 +142,24 @@ def run(args: Namespace) -> int:
     else:
         found = estimate(read_recording(args), read_effects(args), **known)
     return _told(args, found, _export(args, found) if args.export else None)
+
+
+def _as_prior(args: Namespace) -> bool:
+    """Whether a shape counts; beside tool, prior or wrist, --export moveit prints it and no more.
+
+    Raises:
+        BadInputError: it can neither count nor be printed.
+    """
+    beside = args.tool or args.prior or args.wrist or args.carried
+    if args.shape and beside and args.export != "moveit":
+        raise BadInputError("--shape: of the recording alone; leave out tool, prior and wrist")
+    return bool(args.shape and not beside)
+
+
+def _shape_pose(args: Namespace) -> Array | None:
+    if args.shape_pose is None:
+        return None
+    return pose_of(args.shape_pose[:3], np.deg2rad(args.shape_pose[3:]))
 
 
 def _read_wrist(args: Namespace) -> Recording:
@@ -152,6 +186,8 @@ def _estimate_pushed(args: Namespace) -> int:
     """
     from tactile_dynamics_ros.api.verbs import estimate
 
+    if args.shape:
+        raise BadInputError("--shape is for held objects; leave it out")
     return _told(args, estimate(read_pushed(args), pushed_effects(args), prior=args.prior))
 
 
@@ -205,7 +241,7 @@ def _export(args: Namespace, found: Estimate) -> str:
     """
     if args.json:
         raise BadInputError("--export prints the block alone; leave out --json")
-    block = found.export(args.export, shape=args.shape)
+    block = found.export(args.export, shape=args.shape if args.export == "moveit" else None)
     for line in block.doubts:
         print(f"warning: {line}", file=sys.stderr)
     for line in block.left_out:

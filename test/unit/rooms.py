@@ -176,8 +176,9 @@ ROOMS = {
         + ("core/numerics", "core/rigid_body", "core/streams"),
     ),
     "core/inertia": Room(
-        "`estimate.py`, the door to an estimate",
-        ("core/effects", _INERTIA + "batch", _INERTIA + "diagnosis", "core/shape", "core/streams"),
+        "`estimate.py`, the door to an estimate, and what the shape of a body tells of it",
+        ("core/effects", _INERTIA + "batch", _INERTIA + "diagnosis", "core/numerics")
+        + ("core/rigid_body", "core/shape", "core/streams"),
     ),
     _INERTIA + "compensation": Room(
         "the wrench of the world on what is carried",

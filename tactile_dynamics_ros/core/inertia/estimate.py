@@ -16,9 +16,11 @@ from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.inertia.batch.averaging import averaged
 from tactile_dynamics_ros.core.inertia.batch.batch import fit_body
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
+from tactile_dynamics_ros.core.inertia.batch.fitting import fit_from
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate
 from tactile_dynamics_ros.core.inertia.batch.pose_noise_bias import widen_by_pose_noise
 from tactile_dynamics_ros.core.inertia.diagnosis.readings import fit_with_readings
+from tactile_dynamics_ros.core.inertia.shape_prior import ShapePrior
 from tactile_dynamics_ros.core.shape.hull import CentreHull, keep_in_hull
 from tactile_dynamics_ros.core.streams.streams import Streams
 
@@ -26,6 +28,10 @@ if TYPE_CHECKING:
     from tactile_dynamics_ros.core.effects.effect import Effect
 
 Array = NDArray[np.float64]
+
+_ROUNDS = 2
+"""Rounds of the alternation that follow when a fit begins anew from a shape: the noise is known
+from the fit before, so that fewer than its four do. One leaves the noise of the old start."""
 
 
 class Recorded(Protocol):
@@ -41,6 +47,7 @@ def estimate(
     effects: Sequence[Effect] = (),
     hull: Array | None = None,
     fitted: FittedModel | None = None,
+    shape: ShapePrior | None = None,
 ) -> FittedModel:
     """Estimate mass, centre of mass and inertia of a held object, and the parameters of effects.
 
@@ -53,6 +60,7 @@ def estimate(
         effects: effects of the model, in the order of the result.
         hull: (N, 3) mesh vertices, body frame, m; the centre of mass is kept in their convex hull.
         fitted: `fit_with_readings` of the recording and the effects, if there is one already.
+        shape: about which the fit begins, so that `with_shape` can follow.
 
     Returns:
         The fitted model; `to_estimate()` gives values with their uncertainty.
@@ -68,6 +76,8 @@ def estimate(
         model = widen_by_pose_noise(fitted or fit_with_readings(streams, effects), streams)
     else:
         model = fit_body(streams)
+    if shape is not None:
+        model = fit_from(model, shape.start, _ROUNDS)
     if hull is None:
         return model
     data, prior = (part[:10, :10] for part in model.coordinate_information)

@@ -138,6 +138,24 @@ def fit_trusting(model: FittedModel, iterations: int) -> FittedModel:
     return _alternate(model.stretches, model.xi, model.effects, theta, iterations, trusting=True)
 
 
+def fit_from(model: FittedModel, prior: LogCholeskyPrior, iterations: int) -> FittedModel:
+    """Fit again with another prior of the body, whose mass is that of the fit.
+
+    Args:
+        model: fitted; its lasting errors are found anew if it was corrected, xi stays uncorrected.
+        prior: of the log-Cholesky coordinates of a body of 1 kg.
+        iterations: number of iterations of the alternation.
+    """
+    mean = np.concatenate([[model.xi[0]], prior.mean[1:]])
+    own = LogCholeskyPrior(mean, prior.std)
+    found = _alternate(
+        model.stretches, model.xi, model.effects, list(model.theta), iterations, prior=own
+    )
+    kept = ("frame_covariance", "survey", "restated", "event_std", "noise_bias")
+    found = replace(found, **{name: getattr(model, name) for name in kept})
+    return found if model.corrected is None else replace(found, corrected=found.presumed_errors)
+
+
 def fit_unfolded(model: FittedModel, iterations: int) -> FittedModel | None:
     """Fit again from a thicker body where a fit has made it flat; None where it has not.
 
@@ -182,6 +200,7 @@ def _alternate(
     values: list[Array],
     iterations: int,
     trusting: bool = False,
+    prior: LogCholeskyPrior | None = None,
 ) -> FittedModel:
     """Fit at fixed covariance, then find the covariance at the fit, and so on.
 
@@ -189,7 +208,7 @@ def _alternate(
     that were held are let go, and the count begins anew. What proves at rest in the end after all
     is held again, once.
     """
-    prior = contact_prior(stretches[0].problem.samples)
+    prior = prior or contact_prior(stretches[0].problem.samples)
     unexcited = _unexcited(stretches, prior)
     converged = False
     done, first, at_first = 0, True, unexcited.size

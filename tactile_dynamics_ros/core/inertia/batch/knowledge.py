@@ -100,7 +100,7 @@ def without_tool(estimate: Estimate, tool: KnownBody, same_sensor: bool = False)
             f"({estimate.inertia.mass:.3g} kg); expected its inertia in the frame of the object's "
             "pose"
         )
-    unknown = {*estimate.not_excited, *tool.undetermined, *_larger_than_body(body, covariance)}
+    unknown = {*estimate.not_excited, *tool.undetermined, *larger_than_body(body, covariance)}
     if distance > 0.0:
         unknown |= set(PARAMETER_NAMES[4:])
     return _with_body(estimate, body, covariance, unknown)
@@ -223,7 +223,7 @@ def _compare(estimate: InertialEstimate, known: KnownBody) -> Comparison:
     return Comparison(p_value)
 
 
-def _larger_than_body(body: InertialParameters, covariance: Array) -> list[str]:
+def larger_than_body(body: InertialParameters, covariance: Array) -> list[str]:
     """Names of mass and moments whose standard deviation is larger than they are."""
     to_com = com_inertia_jacobian(body.dynamic_parameters)
     std = np.sqrt(np.diag(to_com @ covariance @ to_com.T))

@@ -1,0 +1,1 @@
+"""Inertia from little motion, with the shape as prior."""

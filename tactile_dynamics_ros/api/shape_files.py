@@ -1,0 +1,89 @@
+"""The shape of a held object from a file, as estimates take it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.inertia.shape_prior import ShapePrior
+from tactile_dynamics_ros.core.reading import read_json, read_mesh
+from tactile_dynamics_ros.core.shape.object_shape import MESH_SUFFIXES, ObjectShape, load_shape
+from tactile_dynamics_ros.core.shape.solid import Solid
+from tactile_dynamics_ros.core.shape.superquadric.superquadric import (
+    Superquadric,
+    SuperquadricSurface,
+)
+from tactile_dynamics_ros.recording.clouds import read_clouds
+
+Array = NDArray[np.float64]
+
+_SURFACE_POINTS = 4000
+"""Points of a mesh that is not closed or turned inside out, which is then read as a cloud: on a
+tool of 20 cm one per 3 mm. Fewer lose thin parts, more take longer to connect."""
+
+
+def read_prior(path: str | Path, pose: Array | None = None) -> ShapePrior:
+    """Read a shape as what is known of the inertia beforehand.
+
+    Args:
+        path: mesh (m) or yaml file of an object, cloud of points of its surface, or what
+            `tactile-dynamics shape --json` prints, whose first part's axes are the object's.
+        pose: (4, 4) of its axes in the frame of the object's pose; the same axes if None.
+
+    Raises:
+        BadInputError: it cannot be read, or encloses nothing.
+    """
+    path = Path(path)
+    solid = _read_solid(path)
+    return ShapePrior(solid if pose is None else solid.moved(pose))
+
+
+def _read_solid(path: Path) -> Solid:
+    name, suffix = path.name, path.suffix.lower()
+    if suffix == ".json":
+        return Solid.of_shape(_read_parts(path), name)
+    if suffix in (".yaml", ".yml"):
+        return Solid.of_shape(load_shape(path), name)
+    mesh = _triangles(path) if suffix in MESH_SUFFIXES else None
+    if mesh is None:
+        return Solid.of_cloud(read_clouds([path]).points, name)
+    if mesh.is_volume:
+        return Solid.of_shape(load_shape(path), name)
+    from trimesh.sample import sample_surface
+
+    return Solid.of_cloud(np.asarray(sample_surface(mesh, _SURFACE_POINTS, seed=0)[0]), name)
+
+
+def _triangles(path: Path) -> Any:
+    """Triangles of a file; None if it has points alone."""
+    try:
+        return read_mesh(path, "the shape of an object")
+    except BadInputError as error:
+        if "no triangles" in str(error):
+            return None
+        raise
+
+
+def _read_parts(path: Path) -> ObjectShape:
+    """Superquadrics of `shape --json`, in the axes of the first."""
+    document = read_json(path, "what `tactile-dynamics shape --json` prints")
+    try:
+        found = [
+            Superquadric(*(np.array(part[key], dtype=float) for key in _KEYS))
+            for part in document["parts"]
+        ]
+        first = np.linalg.inv(found[0].pose)
+    except (KeyError, TypeError, ValueError, IndexError, np.linalg.LinAlgError) as error:
+        raise BadInputError(
+            f"{path}: {error!r}; expected `parts` as `tactile-dynamics shape --json` prints them"
+        ) from error
+    parts = [Superquadric(p.semi_axes, p.exponents, p.taper, first @ p.pose) for p in found]
+    return ObjectShape([SuperquadricSurface(part) for part in parts])
+
+
+_KEYS = ("semi_axes_m", "exponents", "taper", "pose")
+"""What a part of that document says of its surface; fixed by what `shape --json` prints."""
