@@ -162,7 +162,7 @@ def _weigh(
         apply=True,
         dry_run=False,
         tool="measure",
-        speed_share=0.0,
+        speed_share=None,
         timeout=600.0 / min(args.real_time_factor, 1.0),
         json=args.json,
     )

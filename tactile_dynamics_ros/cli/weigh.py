@@ -46,7 +46,7 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         help="weigh the tool first; there is none; or its file (estimate --save)",
     )
     parser.add_argument(
-        "--speed-share", type=SHARE, default=0.0, metavar="S", help="of the joints' largest speeds"
+        "--speed-share", type=SHARE, metavar="S", help="of the joints' largest speeds"
     )
     parser.add_argument(
         "--timeout", type=POSITIVE, default=1800.0, metavar="S", help="cancel it after S seconds"
@@ -93,7 +93,7 @@ def ask(node: Node, args: Namespace, namespace: str = "") -> dict[str, Any]:
         f"{namespace}/{WEIGH}",
         args.timeout,
         not args.json,
-        speed_share=float(args.speed_share),
+        speed_share=args.speed_share or 0.0,
         **fields,
     )
     if found is None:

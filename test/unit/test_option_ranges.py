@@ -44,6 +44,9 @@ TEXT_OPTIONS = {
     "effect_file": "a file to read",
     "export": "a format",
     "tool": "a file to read",
+    "shape": "a file to read",
+    "action": "a name",
+    "goal": "fields as yaml",
     "prior": "a file to read",
     "wrist": "a file to read",
     "reference": "a topic (calibrate)",
@@ -69,6 +72,7 @@ TEXT_OPTIONS = {
 """Options without a range, by name: what they hold instead of a number."""
 SIGNED = {
     "excite --floor",
+    "estimate --shape-pose",
     "push --goal",
     "push --from",
     "push --to",
@@ -95,7 +99,7 @@ ZERO_MEANS = SIGNED | {
     "import pushes-zhou2016 --pushes",
 }
 """Options for which 0 means something; seeds beside them."""
-WRITERS = {"out", "save", "keep", "logs"}
+WRITERS = {"out", "save", "keep", "logs", "learn"}
 """Options that say where something is written."""
 
 
