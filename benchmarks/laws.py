@@ -60,7 +60,7 @@ def ask(kind: str, name: str, seed: int, duration: float) -> dict[str, Any]:
     started = time.process_time()
     diagnosis = Diagnosis.of(question_held(Recording(first.streams, name)))
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"learnt_{kind}_{name or 'clean'}_{seed}.yaml"
+        path = Path(folder) / f"learnt_{name or 'clean'}_{seed}.yaml"
         middle = time.process_time()
         found = diagnosis.learn(path)
         law = found.document["law"]
