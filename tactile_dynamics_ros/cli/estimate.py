@@ -20,7 +20,7 @@ from tactile_dynamics_ros.cli.recordings import (
     read_recording,
 )
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.options import file_to_write, folder_to_write
+from tactile_dynamics_ros.core.options import FINITE, file_to_write, folder_to_write
 from tactile_dynamics_ros.core.rigid_body.rotation import pose_of
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     parser.add_argument(
         "--shape-pose",
         nargs=6,
-        type=float,
+        type=FINITE,
         metavar=("X", "Y", "Z", "ROLL", "PITCH", "YAW"),
         help="of the shape's axes in those of the object's pose, m and deg; else they are the same",
     )
