@@ -23,7 +23,8 @@ from benchmarks.peers.with_shape import (
 )
 from benchmarks.tools import bodies
 from benchmarks.tools.data import DATA, LEVELS, Case, read_case, tools
-from tactile_dynamics_ros.core.inertia.estimate import estimate
+from tactile_dynamics_ros.core.inertia.batch.fitting import fit_from
+from tactile_dynamics_ros.core.inertia.estimate import FROM_SHAPE, estimate
 from tactile_dynamics_ros.core.inertia.shape_prior import ShapePrior
 from tactile_dynamics_ros.core.inertia.shape_weighing import with_shape
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
@@ -74,9 +75,9 @@ def outcomes(
 
 
 def _ours(case: Case, prior: ShapePrior) -> Iterator[tuple[str, np.ndarray, np.ndarray | None]]:
-    plain = estimate(case.recording).to_estimate()
-    shaped = with_shape(estimate(case.recording, shape=prior), prior)[0]
-    for method, found in zip(OURS, (plain, shaped), strict=True):
+    plain = estimate(case.recording)
+    shaped = with_shape(fit_from(plain, prior.start, FROM_SHAPE), prior)[0]
+    for method, found in zip(OURS, (plain.to_estimate(), shaped), strict=True):
         yield method, found.inertia.dynamic_parameters, deviations(found, case.truth)
 
 

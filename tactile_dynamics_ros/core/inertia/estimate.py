@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_ROUNDS = 2
+FROM_SHAPE = 2
 """Rounds of the alternation that follow when a fit begins anew from a shape: the noise is known
 from the fit before, so that fewer than its four do. One leaves the noise of the old start."""
 
@@ -77,7 +77,7 @@ def estimate(
     else:
         model = fit_body(streams)
     if shape is not None:
-        model = fit_from(model, shape.start, _ROUNDS)
+        model = fit_from(model, shape.start, FROM_SHAPE)
     if hull is None:
         return model
     data, prior = (part[:10, :10] for part in model.coordinate_information)

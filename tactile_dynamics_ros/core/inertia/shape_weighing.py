@@ -37,6 +37,11 @@ Array = NDArray[np.float64]
 _EVEN = 0.1
 """Spread up to which a body counts as even, for the question whether data contradict the shape:
 walls and labels of a full box, rounding of a mesh. Smaller ones call such bodies uneven."""
+_CAUTION = 0.5
+"""Power of the evidence by which beliefs are weighed: no body is drawn from any of these priors,
+and the evidence of wrong ones is as precise as that of the right one. At 1 hollow boxes that look
+even by chance are wrong by 4.1 standard deviations (20 of them, 10 parameters), at 0.7 by 3.1, at
+0.5 by 2.6, where intervals are a third wider. Source: Gruenwald, van Ommen 2017."""
 _CANNOT_BE = 1e-6
 """Probability of the data, of the best body inside the hull, below which the shape is refused: it
 lies elsewhere, or is of another unit. Nearer to 1 refuses rough meshes."""
@@ -44,8 +49,8 @@ _CONTRADICTED = 1e-3
 """Probability, of an even body, below which the shape is said to be contradicted: one of a thousand
 even bodies is by chance. Higher warns more often of nothing, lower later of ballast."""
 _HOLLOW = 0.7
-"""Correlation of the most likely density with the height towards the surface from which a body is
-said to be denser there. Ballast at one end has less than half."""
+"""Correlation of the most likely density with the depth, either way, from which a body is said to
+be denser at its surface or its core. Ballast at one end has less than half."""
 _LOST = 1e-10
 """Smallest eigenvalue of a covariance with unit diagonal, over its largest, that is believed; as
 when an estimate is combined with an earlier one."""
@@ -176,7 +181,7 @@ class Weighed:
     @cached_property
     def weights(self) -> Array:
         """(B,) probabilities."""
-        evidence = np.array([belief.evidence for belief in self.beliefs])
+        evidence = _CAUTION * np.array([belief.evidence for belief in self.beliefs])
         return np.asarray(np.exp(evidence - logsumexp(evidence)))
 
     @cached_property
@@ -234,8 +239,8 @@ class Weighed:
         moved = np.linalg.lstsq(at.T @ response / len(at), apart, rcond=FLATTEST)[0]
         density = response @ moved
         outward = -float(field.depth @ density) / len(density)
-        if outward > _HOLLOW * float(density.std()):
-            return "its surface (hollow)"
+        if abs(outward) > _HOLLOW * float(density.std()):
+            return "its surface (hollow)" if outward > 0.0 else "its core"
         place = 1e3 * field.points[int(np.argmax(density))]
         return "({:.0f}, {:.0f}, {:.0f}) mm".format(*place)
 
