@@ -132,7 +132,9 @@ def _learn(
     bare = cast(FittableModel, model.without_effect(first.form.name))
     known = _known(model, first.form.name, _names(diagnosis), floor)
     if known is not None and known.criterion < reached + CHANCE:
-        return NothingLearnt(f"{known.name} of the catalogue explains it as well")
+        return NothingLearnt(
+            f"{known.name} of the catalogue does as well in place of {first.form.name}"
+        )
     others = [
         fit_law(bare, find.form, [find.theta], floor, search.tried) for find in search.finds[1:]
     ]
