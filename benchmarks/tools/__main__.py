@@ -141,6 +141,11 @@ def _medians(own: Sequence[Outcome]) -> dict[str, Any]:
     }
 
 
+def _finite(distance: float) -> float | None:
+    """A distance as JSON has it: null where most bodies cannot exist."""
+    return distance if np.isfinite(distance) else None
+
+
 def table(rows: Sequence[dict[str, Any]]) -> list[str]:
     """Lines of the table."""
     lines = [
@@ -244,7 +249,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     seeds = range(options.start, options.start + options.bodies)
     inside = body_rows(list(bodies.outcomes(bodies.KINDS, seeds)))
     if options.json:
-        print(json.dumps({"tools": rows, "bodies": inside}))
+        said = [row | {"distance": _finite(row["distance"])} for row in rows]
+        print(json.dumps({"tools": said, "bodies": inside}))
     else:
         print("\n".join([*table(rows), "", *body_table(inside)]))
     if options.write:

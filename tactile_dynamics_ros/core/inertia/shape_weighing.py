@@ -170,12 +170,10 @@ class Weighed:
 
     Attributes:
         prior: of the shape.
-        seen: the data.
         beliefs: all of them.
     """
 
     prior: ShapePrior
-    seen: Seen
     beliefs: tuple[Belief, ...]
 
     @cached_property
@@ -263,7 +261,7 @@ class Weighed:
 
 def weigh(seen: Seen, prior: ShapePrior) -> Weighed:
     """Hold every spread, slope by depth and volume against the data."""
-    return Weighed(prior, seen, tuple(Belief.of(one, seen) for one in prior.gaussians))
+    return Weighed(prior, tuple(Belief.of(one, seen) for one in prior.gaussians))
 
 
 def nearest_density(phi: Array, covariance: Array, masses: Array) -> Array:
