@@ -9,7 +9,8 @@ import numpy as np
 import trimesh
 
 from benchmarks.inertia.scores import deviations
-from tactile_dynamics_ros.core.inertia.estimate import estimate
+from tactile_dynamics_ros.core.inertia.batch.fitting import fit_from
+from tactile_dynamics_ros.core.inertia.estimate import FROM_SHAPE, estimate
 from tactile_dynamics_ros.core.inertia.shape_prior import ShapePrior
 from tactile_dynamics_ros.core.inertia.shape_weighing import with_shape
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
@@ -68,8 +69,9 @@ def judge(kind: str, seed: int) -> Outcome:
     recorded = record(replace(scenario, body=body), (), None)
     truth = InertialParameters(body.mass, body.com, body.inertia_com)
     prior = ShapePrior(Solid.of_shape(ObjectShape([MeshSurface(mesh_of(body))])))
-    plain = estimate(recorded.streams).to_estimate()
-    found, weighed = with_shape(estimate(recorded.streams, shape=prior), prior)
+    fitted = estimate(recorded.streams)
+    plain = fitted.to_estimate()
+    found, weighed = with_shape(fit_from(fitted, prior.start, FROM_SHAPE), prior)
     principal = [np.linalg.eigvalsh(one.inertia_com) for one in (found.inertia, truth)]
     return Outcome(
         kind,

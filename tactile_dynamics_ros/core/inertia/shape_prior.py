@@ -31,7 +31,8 @@ Array = NDArray[np.float64]
 SPREADS = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
 """Standard deviations of the logarithm of density that are weighed: from a cast block to a steel
 head on a wooden handle. Each is as likely as the next before; where data tell nothing, intervals
-are those of the larger ones. Without the largest, intervals of hammers hold too seldom."""
+are those of the larger ones. At 3.2 bodies are drawn that have shrunk to a few points, and noise
+then passes for one of them."""
 SKINS = (0.0, 1.0)
 """Standard deviations of the slope of the logarithm of density by depth, in standard deviations of
 the depth: bodies that are even but hollow are common, and their centre does not show it. Without
@@ -41,8 +42,8 @@ LENGTHS = (0.1, 0.3, 1.0)
 a handle, a head, one end against the other. With a single one, bodies that vary otherwise are too
 far from the mean."""
 _DRAWS = 200
-"""Densities that are drawn, and as many that are their inverse: covariances are then known to 5 %.
-More take longer, fewer make intervals scatter."""
+"""Densities that are drawn, and as many that are their inverse: standard deviations are then known
+to 4 %. More take longer, fewer make intervals scatter."""
 _SEED = 66
 """Seed of the draws, so that the same file gives the same estimate."""
 _ROUNDING = 1e-6

@@ -41,7 +41,8 @@ _CAUTION = 0.5
 """Power of the evidence by which beliefs are weighed: no body is drawn from any of these priors,
 and the evidence of wrong ones is as precise as that of the right one. At 1 hollow boxes that look
 even by chance are wrong by 4.1 standard deviations (20 of them, 10 parameters), at 0.7 by 3.1, at
-0.5 by 2.6, where intervals are a third wider. Source: Gruenwald, van Ommen 2017."""
+0.5 by 2.6, where intervals are a third wider; on 20 others at 0.5 by 3.4.
+Source: Gruenwald, van Ommen 2017."""
 _CANNOT_BE = 1e-6
 """Probability of the data, of the best body inside the hull, below which the shape is refused: it
 lies elsewhere, or is of another unit. Nearer to 1 refuses rough meshes."""
@@ -170,12 +171,10 @@ class Weighed:
 
     Attributes:
         prior: of the shape.
-        seen: the data.
         beliefs: all of them.
     """
 
     prior: ShapePrior
-    seen: Seen
     beliefs: tuple[Belief, ...]
 
     @cached_property
@@ -263,7 +262,7 @@ class Weighed:
 
 def weigh(seen: Seen, prior: ShapePrior) -> Weighed:
     """Hold every spread, slope by depth and volume against the data."""
-    return Weighed(prior, seen, tuple(Belief.of(one, seen) for one in prior.gaussians))
+    return Weighed(prior, tuple(Belief.of(one, seen) for one in prior.gaussians))
 
 
 def nearest_density(phi: Array, covariance: Array, masses: Array) -> Array:
