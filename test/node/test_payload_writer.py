@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 from built_interfaces import build, require_compilers
 
+from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     InertialParameters,
     KnownBody,
 )
 from tactile_dynamics_ros.nodes.payload_writer import PayloadWriterNode
 from tactile_dynamics_ros.recording.yaml_files import write_body
+from tactile_dynamics_ros.ros.handover import Handover, HandoverConfig
 from tactile_dynamics_ros.ros.payload_services import DRIVERS
 from tactile_dynamics_ros.ros.shell import Shell
 
@@ -156,7 +158,7 @@ def test_the_frame_of_the_pose_is_placed_in_the_flange(bench, tmp_path):
     (given,) = bench.nodes[1].given
     com = given.center_of_gravity
     np.testing.assert_allclose([com.x, com.y, com.z], [0.007, 0.011, 0.123], atol=1e-9)
-    body, _ = node.payload(DRIVERS["franka"])
+    body, _ = node.handover.payload(node._carried.load.body)
     assert body.inertia_com[0, 0] == pytest.approx(BODY.inertia_com[1, 1])
 
 
@@ -225,8 +227,9 @@ def test_without_inertia_a_franka_gets_nothing_and_a_ur_the_rest(bench, tmp_path
     node = start(bench, file)
     assert apply(bench, node).message.endswith("without inertia")
     assert bench.nodes[1].given[0].mass == pytest.approx(BODY.mass)
-    franka = start(bench, file, controller="franka", arm=False)
-    assert "its inertia is not known" in apply(bench, franka).message
+    franka = Handover(node, HandoverConfig(controller="franka", maximum_mass=5.0))
+    with pytest.raises(NotIdentifiableError, match="its inertia is not known"):
+        franka.payload(node._carried.load.body)
 
 
 def test_a_driver_that_is_not_there_is_said_at_once(bench, tmp_path):
