@@ -164,11 +164,9 @@ class ArmMotion:
         if self._motion is None:
             return
         self.stopped = why
-        if self.taken.positions:
-            place = self.taken.positions[-1]
-            self._send(
-                np.array([BRAKE]), (place + 0.5 * BRAKE * self._rate())[None], 0.0 * place[None]
-            )
+        taken = self.taken.positions
+        place = taken[-1] + 0.5 * BRAKE * self._rate() if taken else self._motion.start
+        self._send(np.array([BRAKE]), place[None], np.zeros((1, len(place))))
         self._motion = None
 
     def watch(self) -> bool:

@@ -10,6 +10,8 @@ from rclpy.executors import SingleThreadedExecutor
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
+from tactile_dynamics_ros.core.weighing.arm import SerialArm
+from tactile_dynamics_ros.core.weighing.excitation import WeighingConfig, plan_weighing
 from tactile_dynamics_ros.nodes.robot_sim import RobotSim
 from tactile_dynamics_ros.nodes.weigher import WeigherNode
 from tactile_dynamics_ros.ros import names
@@ -90,6 +92,22 @@ def test_the_emergency_stop_brings_the_arm_to_rest(cell):
     cell.until(cell.at_rest)
     again = cell.answer(cell.ask(names.WEIGH))
     assert not again.success and "publish false" in again.message
+
+
+def test_a_motion_that_is_stopped_before_any_joint_is_heard_of_does_not_begin(cell):
+    """The controller has it already: an arm that is told nothing would go on."""
+    cell.until(lambda: len(cell.weigher.arm_motion._positions) == 7)
+    follow, followed = cell.sim.scene.arm.follow, []
+    cell.sim.scene.arm.follow = lambda *way: (followed.append(way), follow(*way))
+    arm = SerialArm.of_urdf(cell.sim.scene.arm.urdf, "", "wrist_sensor")
+    start = cell.weigher.arm_motion.position_of(arm.names)
+    motion = plan_weighing(arm, start, WeighingConfig(duration=5.0, evaluations=8))
+    cell.weigher.arm_motion.begin(motion)
+    cell.weigher.halt("at once")
+    cell.until(lambda: len(followed) == 2)
+    assert cell.weigher.arm_motion.taken.positions == []
+    np.testing.assert_allclose(followed[1][2], [start])
+    cell.until(cell.at_rest)
 
 
 @pytest.mark.parametrize("cell", [("-p", "max_force:=3.0")], indirect=True)
