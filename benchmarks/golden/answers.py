@@ -12,7 +12,10 @@ from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.recording.pushed import PushedRecording
 
 VERBS = ("estimate", "check", "compare", "diagnose", "explain")
-_LEFT_OUT = ("covariance", "pseudo_inertia_eigenvalues", "streams", "dynamic_parameters")
+_LEFT_OUT = (
+    *("covariance", "pseudo_inertia_eigenvalues", "streams", "dynamic_parameters"),
+    "advice",
+)
 """Entries that follow from the others, or from the recording alone."""
 _SHOWN = 3
 """Candidates that are kept: those that are printed first. Of the others the order is chance."""

@@ -77,6 +77,7 @@ class Readiness(Result):
             "streams": [asdict(rate) for rate in self.rates],
             "faults": list(self.faults),
             "remarks": list(self.remarks),
+            "advice": self.advice(),
         }
 
     def headline(self) -> str:

@@ -56,13 +56,13 @@ from tactile_dynamics_ros.ros.names import (
 from tactile_dynamics_ros.ros.parameters import declare_config
 from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
 from tactile_dynamics_ros.ros.typed_messages import body_message
-from tactile_dynamics_ros.ros.weighed import Weighed, advise, ask, keep, new_folder
+from tactile_dynamics_ros.ros.weighed import Weighed, advise, ask, keep, new_folder, save
 
 STEP = 0.02
 """Real time between looks at a motion, s: an arm of 0.5 rad/s turns by 0.6 deg meanwhile."""
-TOLD = 0.1
-"""Step of the share done at which a goal's client is told, beside each new phase: ten lines for a
-person to read; programs follow weigher/progress."""
+FEEDBACK_STEP = 0.1
+"""Step of the share done at which a goal's client gets feedback, beside each new phase: ten lines
+for a person to read; programs follow weigher/progress."""
 DISCOVERY = 5.0
 """Real time for joints, sensor, controller and URDF to be found, s: a node that was just started
 needs some of it."""
@@ -126,7 +126,7 @@ class WeigherNode(Shell):
         self._story: Story | None = None
         self._answer = RosFuture()
         self._proceed = False
-        self._state, self._told = ("idle", 0.0, ""), 0.0
+        self._state, self._fed_back = ("idle", 0.0, ""), 0.0
         self._progress = self.latched(DiagnosticStatus, WEIGH_PROGRESS)
         self._shown = self.latched(JointTrajectory, WEIGH_MOTION)
         self._markers = self.latched(MarkerArray, WEIGH_MARKERS)
@@ -252,8 +252,7 @@ class WeigherNode(Shell):
         tip = self.config.sensor or self.arm_motion.frame
         if not tip:
             raise NotIdentifiableError("the sensor's messages name no frame; set parameter sensor")
-        base = self.config.base or SerialArm.root_of(self._urdf)
-        return SerialArm.of_urdf(self._urdf, base, tip, what=ROBOT_DESCRIPTION)
+        return SerialArm.of_urdf(self._urdf, self.config.base, tip, what=ROBOT_DESCRIPTION)
 
     def _design(self, arm: SerialArm, wanted: Wanted) -> Generator[None, None, WeighingMotion]:
         start = self.arm_motion.position_of(arm.names)
@@ -269,8 +268,7 @@ class WeigherNode(Shell):
         """Publish the motion, and the way of the sensor for RViz."""
         times, positions, velocities = motion.table(10.0)
         self._shown.publish(trajectory_message(motion.names, times, positions, velocities))
-        base = self.config.base or SerialArm.root_of(self._urdf)
-        self._markers.publish(way_markers(arm.tip_poses(positions)[:, :3, 3], base))
+        self._markers.publish(way_markers(arm.tip_poses(positions)[:, :3, 3], arm.base))
 
     def _move(self, motion: WeighingMotion, number: int, count: int) -> Story:
         self.emergency.require_released()
@@ -308,7 +306,7 @@ class WeigherNode(Shell):
             "tool": None if tool is None else tool.document,
             "load": load.document,
             "doubts": [*(() if tool is None else tool.doubts), *load.doubts],
-            "advice": list((yield from self._wait(submit(advise, measured["B"][0])))),
+            "advice": (yield from self._wait(submit(advise, measured["B"][0]))),
             "folder": str(folder),
             "handed_over": False,
         }
@@ -339,10 +337,8 @@ class WeigherNode(Shell):
             return False, f"nothing handed over: {'; '.join(doubts)}"
         file = load.file
         if self.handover.takes_tool:
-            whole = yield from self._wait(
-                self._background.submit(ask, files, folder / "payload.yaml")
-            )
-            file = whole.file
+            file = folder / "payload.yaml"
+            yield from self._wait(self._background.submit(save, files, file))
         assert self.executor is not None
         try:
             handed = self.executor.create_task(self.handover.give(read_body(file)))
@@ -362,8 +358,8 @@ class WeigherNode(Shell):
         self._state = (phase, share, text)
         if changed:
             self._tell()
-        if changed or abs(share - self._told) >= TOLD:
-            self._told = share
+        if changed or abs(share - self._fed_back) >= FEEDBACK_STEP:
+            self._fed_back = share
             self.action.tell(phase, share, text)
 
     def _tell(self) -> None:

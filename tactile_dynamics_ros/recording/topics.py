@@ -18,6 +18,9 @@ from tactile_dynamics_ros.recording.cleaning import Mask, ProblemLog, find_not_i
 
 Array = NDArray[np.float64]
 
+ROBOT_DESCRIPTION = "/robot_description"
+"""Topic on which robots publish their URDF."""
+
 
 @dataclass(frozen=True)
 class PoseColumns:

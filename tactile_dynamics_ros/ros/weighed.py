@@ -30,13 +30,11 @@ class Weighed:
         document: what `estimate --json` prints.
         file: what `estimate --save` wrote.
         doubts: why the numbers are not to be used; empty if nothing speaks against them.
-        advice: what to record as well, a sentence for each parameter that is not well known.
     """
 
     document: dict[str, Any]
     file: Path
     doubts: tuple[str, ...]
-    advice: tuple[str, ...] = ()
 
 
 def new_folder(parent: str) -> Path:
@@ -92,7 +90,7 @@ def keep(taken: Taken, arm: SerialArm, sign: float, path: Path) -> Path:
 
 
 def ask(files: Sequence[Path], file: Path, tool: Path | None = None) -> Weighed:
-    """Estimate, compare and check, as a person does with the command.
+    """Estimate and compare, as a person does with the command.
 
     Args:
         files: recordings of the same body.
@@ -102,10 +100,8 @@ def ask(files: Sequence[Path], file: Path, tool: Path | None = None) -> Weighed:
     Raises:
         NotIdentifiableError: the recordings do not tell the mass, or the model does not fit.
     """
-    bags = [str(path) for path in files]
-    taken_out = [] if tool is None else ["--tool", str(tool)]
-    document = _verb("estimate", *bags, *taken_out, "--save", str(file))
-    compared = _verb("compare", *bags)
+    document = save(files, file, tool)
+    compared = _verb("compare", *map(str, files))
     doubts = (
         [] if compared["adequate"] else [f"the model does not fit (p = {compared['p_value']:.1g})"]
     )
@@ -114,9 +110,16 @@ def ask(files: Sequence[Path], file: Path, tool: Path | None = None) -> Weighed:
     return Weighed(document, file, tuple(doubts))
 
 
-def advise(file: Path) -> tuple[str, ...]:
+def save(files: Sequence[Path], file: Path, tool: Path | None = None) -> dict[str, Any]:
+    """Estimate a body and keep its numbers; arguments as of `ask`. Return the document."""
+    taken_out = [] if tool is None else ["--tool", str(tool)]
+    return _verb("estimate", *map(str, files), *taken_out, "--save", str(file))
+
+
+def advise(file: Path) -> list[str]:
     """Return what `check` would record as well, one sentence each."""
-    return tuple(str(line) for line in _verb("check", str(file)).get("advice", ()))
+    advice: list[str] = _verb("check", str(file))["advice"]
+    return advice
 
 
 def _verb(*words: str) -> dict[str, Any]:

@@ -52,6 +52,7 @@ def test_the_worst_parameter_is_helped_first_and_lines_say_how(checked):
     promised = 100 * checked.to_json()["additions"][0]["expected_relative"]
     assert "10 s more turning about z by" in line
     assert line.endswith(f"would bring it to {promised:.2g} %")
+    assert line in checked.to_json()["advice"]
 
 
 def test_what_is_printed_is_what_estimate_gives(calm, checked):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -17,7 +17,7 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
 )
 from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor
 from tactile_dynamics_ros.core.rigid_body.rotation import cross, exp_so3, pose_of
-from tactile_dynamics_ros.core.robot.kinematic_tree import chain, parse_urdf, placed, read_tree
+from tactile_dynamics_ros.core.robot.kinematic_tree import carried, chain, parse_urdf, read_tree
 from tactile_dynamics_ros.core.robot.robot import Joint
 
 Array = NDArray[np.float64]
@@ -102,11 +102,11 @@ class Arm:
                 "arm"
             )
         joints = _arm_joints(tree, root, wanted)
-        owner, poses, origins = _fixed_to(tree, root, joints)
-        inertia = _lumped(urdf, owner, poses, len(joints))
-        last = [link for link, k in owner.items() if k == len(joints) - 1]
+        places = carried(tree, joints, lambda joint: 0.0)
+        origins = np.array([places[joint.parent][1] @ joint.origin for joint in joints])
+        last = [link for link, (body, _) in places.items() if body == len(joints)]
         end = _flange(last, flange, joints[-1].child, what)
-        return cls(joints, origins, inertia, end, poses[end])
+        return cls(joints, origins, _lumped(urdf, places, len(joints)), end, places[end][1])
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -226,31 +226,13 @@ def _arm_joints(tree: Sequence[Joint], root: str, wanted: set[str]) -> tuple[Joi
     return longest
 
 
-def _fixed_to(
-    tree: Sequence[Joint], root: str, joints: Sequence[Joint]
-) -> tuple[dict[str, int], dict[str, Array], Array]:
-    """Moving link (its number, -1 the base) that carries each link, its pose there, and origins."""
-    number = {joint.name: k for k, joint in enumerate(joints)}
-    owner, poses = {root: -1}, {root: np.eye(4)}
-    origins = np.tile(np.eye(4), (len(joints), 1, 1))
-    for joint in tree:
-        above = poses[joint.parent]
-        if joint.name in number:
-            owner[joint.child], poses[joint.child] = number[joint.name], np.eye(4)
-            origins[number[joint.name]] = above @ joint.origin
-        else:
-            owner[joint.child] = owner[joint.parent]
-            poses[joint.child] = above @ placed(joint, 0.0)
-    return owner, poses, origins
-
-
-def _lumped(urdf: str, owner: dict[str, int], poses: dict[str, Array], count: int) -> Array:
+def _lumped(urdf: str, places: Mapping[str, tuple[int, Array]], count: int) -> Array:
     """Dynamic parameters (n, 10) of each moving link with all links that are fixed to it."""
     found = np.zeros((count, 10))
     for link in parse_urdf(urdf).links:
-        if link.inertial is None or owner.get(link.name, -1) < 0:
-            continue
-        found[owner[link.name]] += moved_parameters(poses[link.name]) @ _of_link(link.inertial)
+        body, pose = places.get(link.name, (0, np.eye(4)))
+        if link.inertial is not None and body > 0:
+            found[body - 1] += moved_parameters(pose) @ _of_link(link.inertial)
     return found
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 from xml.etree import ElementTree
@@ -83,6 +83,33 @@ def chain(tree: Sequence[Joint], base: str, link: str) -> list[Joint]:
             raise BadInputError(f"no joints lead from link '{base}' to link '{where}'")
         found.insert(0, by_child[link])
         link = by_child[link].parent
+    return found
+
+
+def carried(
+    tree: Sequence[Joint], joints: Sequence[Joint], rest: Callable[[Joint], float]
+) -> dict[str, tuple[int, Array]]:
+    """Return for every link the body that it moves with, and its pose (4, 4) in that.
+
+    Body 0 is what stands still, in the frame of the root; body k is what the kth of the joints
+    moves, in the frame of that joint's child.
+
+    Args:
+        tree: all joints, parents first.
+        joints: that move; the others rest.
+        rest: position of a joint that rests, rad or m.
+    """
+    bodies = {joint.name: k for k, joint in enumerate(joints, start=1)}
+    children = {joint.child for joint in tree}
+    found: dict[str, tuple[int, Array]] = {
+        joint.parent: (0, np.eye(4)) for joint in tree if joint.parent not in children
+    }
+    for joint in tree:
+        body, pose = found[joint.parent]
+        if joint.name in bodies:
+            found[joint.child] = bodies[joint.name], np.eye(4)
+        else:
+            found[joint.child] = body, pose @ placed(joint, rest(joint))
     return found
 
 

@@ -14,7 +14,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, inverse_pose, pose_of
-from tactile_dynamics_ros.core.robot.kinematic_tree import chain, parse_urdf, placed, read_tree
+from tactile_dynamics_ros.core.robot.kinematic_tree import carried, chain, parse_urdf, read_tree
 from tactile_dynamics_ros.core.robot.robot import Joint, column
 from tactile_dynamics_ros.share import find_package_file
 
@@ -52,6 +52,7 @@ class SerialArm:
     Body 0 is the base, body k what joint k moves; its frame is that of the joint's child link.
 
     Attributes:
+        base: link that stands still.
         joints: (J) that move, base first.
         fixed: (J, 4, 4) pose of the frame of each joint at zero in the body before it.
         tip: (4, 4) pose of the tip in the last body.
@@ -59,6 +60,7 @@ class SerialArm:
         unknown: links whose shape cannot be read, with the file that is missing.
     """
 
+    base: str
     joints: tuple[Joint, ...]
     fixed: Array
     tip: Array
@@ -73,7 +75,7 @@ class SerialArm:
 
         Args:
             urdf: text.
-            base: link that stands still.
+            base: link that stands still; the one that no joint carries if empty.
             tip: link that carries the sensor.
             folder: where relative files of meshes lie.
             what: named in errors: file or topic.
@@ -82,6 +84,7 @@ class SerialArm:
             BadInputError: no joints lead from base to tip, or one of them mimics another.
         """
         tree = read_tree(urdf, what)
+        base = base or next((joint.parent for joint in tree), "")
         steps = chain(tree, base, tip)
         joints = tuple(step for step in steps if step.axis is not None)
         coupled = [joint.name for joint in joints if joint.follows is not None]
@@ -91,12 +94,7 @@ class SerialArm:
         places = _places(tree, joints, base)
         fixed = [places[joint.parent][1] @ joint.origin for joint in joints]
         hulls, unknown = _read_hulls(urdf, places, folder)
-        return cls(joints, np.array(fixed), places[tip][1], tuple(hulls), tuple(unknown))
-
-    @staticmethod
-    def root_of(urdf: str) -> str:
-        """Return the link that no joint carries."""
-        return str(parse_urdf(urdf).get_root())
+        return cls(base, joints, np.array(fixed), places[tip][1], tuple(hulls), tuple(unknown))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -154,18 +152,7 @@ def _places(
         joints: of the arm.
         base: link whose frame is that of body 0.
     """
-    bodies = {joint.name: k + 1 for k, joint in enumerate(joints)}
-    children = {joint.child for joint in tree}
-    found: dict[str, tuple[int, Array]] = {
-        joint.parent: (0, np.eye(4)) for joint in tree if joint.parent not in children
-    }
-    for joint in tree:
-        body, pose = found[joint.parent]
-        if joint.name in bodies:
-            found[joint.child] = bodies[joint.name], np.eye(4)
-        else:
-            rest = min(max(0.0, joint.lower), joint.upper)
-            found[joint.child] = body, pose @ placed(joint, rest)
+    found = carried(tree, joints, lambda joint: min(max(0.0, joint.lower), joint.upper))
     to_base = inverse_pose(found[base][1])
     return {link: (b, pose if b else to_base @ pose) for link, (b, pose) in found.items()}
 

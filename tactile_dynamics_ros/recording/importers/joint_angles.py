@@ -26,8 +26,6 @@ from tactile_dynamics_ros.recording.importers.tables import Table
 
 Array = NDArray[np.float64]
 
-ROBOT_DESCRIPTION = "/robot_description"
-"""Topic on which robots publish their URDF."""
 KEYS = frozenset(["joints", "urdf", "frame", "base"])
 """Keys of a section whose pose comes from joint angles."""
 

@@ -19,10 +19,10 @@ from tactile_dynamics_ros.recording.bag_files import read_messages, recorded_typ
 from tactile_dynamics_ros.recording.bag_writer import write_tables
 from tactile_dynamics_ros.recording.cleaning import ranked_lines
 from tactile_dynamics_ros.recording.joints.states import JOINT_STATE, decode_states, encode_states
+from tactile_dynamics_ros.recording.topics import ROBOT_DESCRIPTION
 
 Array = NDArray[np.float64]
 
-ROBOT_DESCRIPTION = "/robot_description"
 TABLES = (".csv", ".txt", ".tsv")
 """Ends of the names of tables with a column for each joint's position and torque."""
 _STRING = "std_msgs/msg/String"

@@ -27,10 +27,10 @@ from tactile_dynamics_ros.recording.importers.guess.sources import Source
 from tactile_dynamics_ros.recording.importers.guess.times import find_time
 from tactile_dynamics_ros.recording.importers.guess.weight import Weighing
 from tactile_dynamics_ros.recording.importers.joint_angles import (
-    ROBOT_DESCRIPTION,
     read_link,
     urdf_text,
 )
+from tactile_dynamics_ros.recording.topics import ROBOT_DESCRIPTION
 
 
 @dataclass(frozen=True)
