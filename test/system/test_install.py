@@ -226,10 +226,16 @@ def test_estimate_and_diagnose_a_recording(installed, bag):
 
 
 @pytest.fixture
-def graph():
-    """A node of one test, which sees the others, and none that an earlier test has ended."""
-    rclpy.init(args=[])
-    node = Node("graph", enable_rosout=False, start_parameter_services=False)
+def graph(monkeypatch):
+    """A node of one test, which sees the others, and none that an earlier test has ended.
+
+    It speaks UDP alone: a process that ends may leave a port of Fast DDS' shared memory locked, and
+    whoever writes to it then waits for ever.
+    """
+    with monkeypatch.context() as here:
+        here.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
+        rclpy.init(args=[])
+        node = Node("graph", enable_rosout=False, start_parameter_services=False)
     yield node
     node.destroy_node()
     rclpy.try_shutdown()
