@@ -29,7 +29,7 @@ def learn(diagnosis: Diagnosis, path: Path) -> dict[str, Any]:
     Raises:
         BadInputError: the model is of something else, or the stem is no free name of an effect.
     """
-    from tactile_dynamics_ros.core.discrepancy.laws.learning import Law, learn_law
+    from tactile_dynamics_ros.core.discrepancy.laws import Law, learn_law
     from tactile_dynamics_ros.core.effects.formula.file import read_effect
     from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldObjectModel
     from tactile_dynamics_ros.core.inertia.diagnosis.law_documents import law_document, law_entry

@@ -18,8 +18,8 @@ from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
+from tactile_dynamics_ros.core.discrepancy.comparison import LiveCheckConfig, LiveComparison
 from tactile_dynamics_ros.core.discrepancy.documents import Document
-from tactile_dynamics_ros.core.discrepancy.live_check import LiveCheckConfig, LiveComparison
 from tactile_dynamics_ros.core.errors import (
     BadInputError,
     NotIdentifiableError,

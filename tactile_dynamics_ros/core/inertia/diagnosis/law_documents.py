@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from tactile_dynamics_ros.core.discrepancy.laws.learning import Law
+from tactile_dynamics_ros.core.discrepancy.laws import Law
 from tactile_dynamics_ros.core.discrepancy.verdict.wording import (
     write_fall,
     write_interval,
