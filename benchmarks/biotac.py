@@ -32,6 +32,7 @@ from tactile_dynamics_ros.core.tactile.analytic_force import (
     electrode_centroid,
     estimate_point,
     estimate_sequence,
+    fit_unit_gain,
 )
 from tactile_dynamics_ros.core.tactile.calibration import (
     NORMAL_90,
@@ -39,21 +40,18 @@ from tactile_dynamics_ros.core.tactile.calibration import (
     shipped_calibration,
 )
 from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
-from tactile_dynamics_ros.core.tactile.network.estimator import (
-    NetworkForceEstimator,
-    predict_presses,
-)
 from tactile_dynamics_ros.core.tactile.network.training import TrainingConfig, train_network
 from tactile_dynamics_ros.core.tactile.network.weights import (
     SHIPPED_NETWORK,
+    NetworkForceEstimator,
     NetworkWeights,
     lagged,
     network_inputs,
+    predict_presses,
     shipped_network,
 )
-from tactile_dynamics_ros.core.tactile.unit_gain import fit_unit_gain
 from tactile_dynamics_ros.sim.sensors.biotac import BioTacConfig
-from tactile_dynamics_ros.sim.sensors.biotac.calibrate import (
+from tactile_dynamics_ros.sim.sensors.biotac.presses import (
     HELD_OUT_SEED,
     join_presses,
     label_protocols,

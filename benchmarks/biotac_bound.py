@@ -25,12 +25,13 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.sim.sensors.biotac import BioTacArray, BioTacConfig
 from tactile_dynamics_ros.sim.sensors.biotac.presses import PressConfig, plan_presses, protocols
-from tactile_dynamics_ros.sim.sensors.biotac.sensor import electrode_counts, static_pressure
-from tactile_dynamics_ros.sim.sensors.biotac.skin import (
+from tactile_dynamics_ros.sim.sensors.biotac.sensor import (
+    electrode_counts,
     fluid_thickness,
     indent,
     outward_normal,
     sensed_share,
+    static_pressure,
 )
 from tactile_dynamics_ros.sim.sensors.biotac.unit import (
     GAP_STD,

@@ -25,14 +25,13 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from tactile_dynamics_ros.core.robot.robot_file import load_robot
-from tactile_dynamics_ros.core.tactile.estimators import create_force_estimator
+from tactile_dynamics_ros.core.tactile.analytic_force import create_force_estimator, fit_unit_gain
+from tactile_dynamics_ros.core.tactile.calibration import fit_thermal_drift
 from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
-from tactile_dynamics_ros.core.tactile.thermal_drift import fit_thermal_drift
-from tactile_dynamics_ros.core.tactile.unit_gain import fit_unit_gain
 from tactile_dynamics_ros.recording.cdr import BIOTAC_RAW
 from tactile_dynamics_ros.ros.conversions import biotac_to_message, wrench_to_message
 from tactile_dynamics_ros.sim.sensors.biotac import BioTacArray, BioTacConfig
-from tactile_dynamics_ros.sim.sensors.biotac.skin import OUTER_RADIUS, outward_normal
+from tactile_dynamics_ros.sim.sensors.biotac.sensor import OUTER_RADIUS, outward_normal
 
 ROBOT = load_robot()
 

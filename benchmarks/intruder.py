@@ -163,7 +163,7 @@ _USERS = {
         "from tactile_dynamics_ros.cli.domain import private_domain\nwith private_domain(): pass"
     ),
     "kept tare": (
-        "import numpy; from tactile_dynamics_ros.ros.kept_tare import KeptTare\n"
+        "import numpy; from tactile_dynamics_ros.ros.object_memory import KeptTare\n"
         "KeptTare(4).write(numpy.zeros((5, 4, 44)))"
     ),
 }

@@ -24,7 +24,7 @@ from tactile_dynamics_ros.core.planar.actions.information import (
     updated,
 )
 from tactile_dynamics_ros.core.planar.mechanics.outline import convex_hull
-from tactile_dynamics_ros.sim.planar_objects import planar_object
+from tactile_dynamics_ros.sim.objects import planar_object
 
 Array = NDArray[np.float64]
 

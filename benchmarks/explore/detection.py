@@ -23,8 +23,8 @@ from benchmarks.explore.changes import SIZES, Watched
 from benchmarks.peers.raw_likelihood import RawLikelihood
 from tactile_dynamics_ros.core.planar.filter.change import ChangeMonitor
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
+from tactile_dynamics_ros.sim.objects import planar_object
 from tactile_dynamics_ros.sim.planar.simulated_table import SimulatedTableConfig
-from tactile_dynamics_ros.sim.planar_objects import planar_object
 
 Array = NDArray[np.float64]
 

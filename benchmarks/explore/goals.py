@@ -21,8 +21,8 @@ from tactile_dynamics_ros.core.planar.control.controller import PushController
 from tactile_dynamics_ros.core.planar.control.plan import Bounds, PushPlanner
 from tactile_dynamics_ros.core.planar.control.prediction import PushedBody
 from tactile_dynamics_ros.core.planar.properties.estimate import estimate
+from tactile_dynamics_ros.sim.objects import planar_object
 from tactile_dynamics_ros.sim.planar.simulated_table import SimulatedTableConfig
-from tactile_dynamics_ros.sim.planar_objects import planar_object
 
 Array = NDArray[np.float64]
 

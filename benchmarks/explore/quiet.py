@@ -24,7 +24,7 @@ from tactile_dynamics_ros.core.planar.filter.process import PusherMotion
 from tactile_dynamics_ros.core.planar.mechanics.linkage import applied, turned
 from tactile_dynamics_ros.core.planar.mechanics.outline import convex_hull
 from tactile_dynamics_ros.core.planar.mechanics.simulation import support_resistance
-from tactile_dynamics_ros.sim.planar_objects import planar_object
+from tactile_dynamics_ros.sim.objects import planar_object
 
 Array = NDArray[np.float64]
 

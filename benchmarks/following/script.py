@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.rigid_body.rotation import pose_of
-from tactile_dynamics_ros.sim.planar_objects import PlanarObject
+from tactile_dynamics_ros.sim.objects import PlanarObject
 
 Array = NDArray[np.float64]
 

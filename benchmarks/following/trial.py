@@ -23,7 +23,7 @@ from tactile_dynamics_ros.core.tracking.links.link_tracker import Link
 from tactile_dynamics_ros.core.tracking.links.table_tracker import TableTracker
 from tactile_dynamics_ros.core.tracking.robot_volume import TreeVolume
 from tactile_dynamics_ros.core.tracking.watch import Sighting, VisionTrackerConfig
-from tactile_dynamics_ros.sim.planar_objects import PlanarObject, PlanarPart, planar_object
+from tactile_dynamics_ros.sim.objects import PlanarObject, PlanarPart, planar_object
 
 Array = NDArray[np.float64]
 Follower = Callable[[Array, PinholeCamera, float, Array], dict[str, Sighting]]

@@ -21,7 +21,7 @@ from tactile_dynamics_ros.core.shape.superquadric.views import (
     ViewConfig,
     candidate_poses,
 )
-from tactile_dynamics_ros.sim.planar_objects import PlanarObject, planar_object
+from tactile_dynamics_ros.sim.objects import PlanarObject, planar_object
 
 Array = NDArray[np.float64]
 Peers: TypeAlias = Callable[[Array, Array], dict[str, float]]

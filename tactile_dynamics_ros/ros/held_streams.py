@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.streams.pose_noise import ASSUMED_POSITION_STD
 from tactile_dynamics_ros.core.streams.stamps import Reordered
 from tactile_dynamics_ros.core.streams.streams import ContactSample
-from tactile_dynamics_ros.ros.contact_assembly import ContactAssembly
 from tactile_dynamics_ros.ros.conversions import MessageError
+from tactile_dynamics_ros.ros.friction_messages import ContactAssembly
 from tactile_dynamics_ros.ros.inputs import Need
 from tactile_dynamics_ros.ros.names import OBJECT_POSE
 from tactile_dynamics_ros.ros.object_state import Holding, ObjectState

@@ -18,7 +18,7 @@ from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3
 from tactile_dynamics_ros.sim.bodies import Engine, link_indices, to_matrix
-from tactile_dynamics_ros.sim.sensors.robot_sensors import WristSensor, WristSensorConfig
+from tactile_dynamics_ros.sim.sensors.fingertips import WristSensor, WristSensorConfig
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.robot.robot_file import DEFAULT_ROBOT, load_robot
-from tactile_dynamics_ros.sim.contacts import ContactReading
+from tactile_dynamics_ros.sim.bodies import ContactReading
 from tactile_dynamics_ros.sim.hidden_effects import SensorView, create_hidden_effect
 from tactile_dynamics_ros.sim.sensors.biotac import BioTacConfig
 from tactile_dynamics_ros.sim.sensors.depth_camera import (
@@ -21,12 +21,14 @@ from tactile_dynamics_ros.sim.sensors.depth_camera import (
     DepthCameraConfig,
     look_at,
 )
-from tactile_dynamics_ros.sim.sensors.fingertips import Fingertips, ForceTorquePads, PadConfig
-from tactile_dynamics_ros.sim.sensors.robot_sensors import (
+from tactile_dynamics_ros.sim.sensors.fingertips import (
     EncoderConfig,
+    Fingertips,
+    ForceTorquePads,
     JointEncoders,
     MarkerTracker,
     MarkerTrackerConfig,
+    PadConfig,
     WristSensor,
     WristSensorConfig,
 )

@@ -15,13 +15,14 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialPar
 from tactile_dynamics_ros.core.robot.robot import Robot
 from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.sim.bodies import (
+    ContactAccumulator,
+    ContactReading,
     Engine,
     link_indices,
     spawn_robot,
     spawn_table,
     to_matrix,
 )
-from tactile_dynamics_ros.sim.contacts import ContactAccumulator, ContactReading
 from tactile_dynamics_ros.sim.drives import JointDrives
 from tactile_dynamics_ros.sim.objects import ObjectModel, load_object
 from tactile_dynamics_ros.sim.warping import spawn_warping_object

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
-from tactile_dynamics_ros.core.friction.cone import probing_angles, tangent_basis
 from tactile_dynamics_ros.core.friction.estimate import (
     FrictionEstimate,
     SlipEvent,
@@ -17,6 +16,8 @@ from tactile_dynamics_ros.core.friction.probe_config import (
     FrictionProbeConfig,
     ProbeInput,
     ProbePhase,
+    probing_angles,
+    tangent_basis,
 )
 from tactile_dynamics_ros.core.friction.slip_detection import SlipFusion, SlipObservation, SlipState
 from tactile_dynamics_ros.core.friction.slip_log import Attempt, SlipLog

@@ -18,8 +18,7 @@ from tactile_dynamics_ros.core.inertia.excitation.trajectory import (
 )
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor
-from tactile_dynamics_ros.core.weighing.arm import SerialArm
-from tactile_dynamics_ros.core.weighing.clearance import Nearest, Plane, nearest
+from tactile_dynamics_ros.core.weighing.arm import Nearest, Plane, SerialArm, nearest
 
 Array = NDArray[np.float64]
 

@@ -19,8 +19,8 @@ from tactile_dynamics_ros.sim.bodies import (
     from_matrix,
     principal_frame,
 )
+from tactile_dynamics_ros.sim.objects import PlanarObject, PlanarPart, prism
 from tactile_dynamics_ros.sim.planar.bed import SINK, Bed, Surface, feet_of, gathered
-from tactile_dynamics_ros.sim.planar_objects import PlanarObject, PlanarPart, prism
 
 Array = NDArray[np.float64]
 

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from tactile_dynamics_ros.core.errors import BadInputError, nearest
-from tactile_dynamics_ros.sim.bodies import TABLE_CENTRE
-from tactile_dynamics_ros.sim.contacts import ContactReading
+from tactile_dynamics_ros.sim.bodies import TABLE_CENTRE, ContactReading
 from tactile_dynamics_ros.sim.hidden_effects.base import quantity
 from tactile_dynamics_ros.sim.planar import influences
 from tactile_dynamics_ros.sim.planar.bed import GRAVITY

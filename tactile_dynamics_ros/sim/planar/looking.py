@@ -25,7 +25,7 @@ from tactile_dynamics_ros.core.tracking.depth_image import PinholeCamera
 from tactile_dynamics_ros.core.tracking.links.link_tracker import Link
 from tactile_dynamics_ros.core.tracking.links.table_tracker import TableTracker
 from tactile_dynamics_ros.core.tracking.watch import Sighting, VisionTrackerConfig
-from tactile_dynamics_ros.sim.planar_objects import prism
+from tactile_dynamics_ros.sim.objects import prism
 from tactile_dynamics_ros.sim.sensors.depth_camera import DepthCamera, DepthCameraConfig, look_at
 
 Array = NDArray[np.float64]

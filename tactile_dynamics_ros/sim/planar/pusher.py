@@ -12,7 +12,7 @@ from tactile_dynamics_ros.core.manipulation.inverse_kinematics import solve_arm
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.robot.robot_file import load_robot
-from tactile_dynamics_ros.sim.contacts import ContactReading
+from tactile_dynamics_ros.sim.bodies import ContactReading
 from tactile_dynamics_ros.sim.planar.table import TableWorld
 from tactile_dynamics_ros.sim.planar.touch import Skin, Touch, sides_of
 

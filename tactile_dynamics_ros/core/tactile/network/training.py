@@ -17,7 +17,6 @@ from tactile_dynamics_ros.core.tactile.calibration import (
     NORMAL_90,
     LabelledPresses,
 )
-from tactile_dynamics_ros.core.tactile.network.estimator import predict_presses
 from tactile_dynamics_ros.core.tactile.network.weights import (
     INPUTS,
     PLACE_SCALE,
@@ -28,6 +27,7 @@ from tactile_dynamics_ros.core.tactile.network.weights import (
     face_left,
     lagged,
     network_inputs,
+    predict_presses,
 )
 
 _QUINTIC = (3.4445, -4.7750, 2.0315)

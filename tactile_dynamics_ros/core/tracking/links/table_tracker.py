@@ -21,7 +21,7 @@ from tactile_dynamics_ros.core.tracking.depth_image import (
     window_around,
     without_specks,
 )
-from tactile_dynamics_ros.core.tracking.drawing import draw
+from tactile_dynamics_ros.core.tracking.fit import draw
 from tactile_dynamics_ros.core.tracking.links.link_tracker import Link, LinkTracker
 from tactile_dynamics_ros.core.tracking.registration import OBJECT_TOLERANCE
 from tactile_dynamics_ros.core.tracking.robot_volume import Volume
