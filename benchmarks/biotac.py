@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from benchmarks.peers.voxel import (
     VoxelConfig,
@@ -27,6 +26,7 @@ from benchmarks.peers.voxel import (
     predict_voxel,
     train_voxel_network,
 )
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.tactile.analytic_force import (
     classic_force,
     electrode_centroid,
@@ -56,8 +56,6 @@ from tactile_dynamics_ros.sim.sensors.biotac.presses import (
     join_presses,
     label_protocols,
 )
-
-Array = NDArray[np.float64]
 
 TEST_SEED = 777_000
 BANDS = ((0.2, 0.5), (0.5, 1.0), (1.0, 2.0), (2.0, 5.0))

@@ -21,8 +21,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.sim.sensors.biotac import BioTacArray, BioTacConfig
 from tactile_dynamics_ros.sim.sensors.biotac.presses import PressConfig, plan_presses, protocols
 from tactile_dynamics_ros.sim.sensors.biotac.sensor import (
@@ -41,8 +41,6 @@ from tactile_dynamics_ros.sim.sensors.biotac.unit import (
     STIFFNESS_STD,
     Units,
 )
-
-Array = NDArray[np.float64]
 
 FRAMES = 50
 """Frames of 10 ms that are remembered."""

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.biotac_press_rig import calibrate_units
 from benchmarks.support.hand_contacts import hand_contacts
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contact.contact_state import (
     Contact,
     ContactState,
@@ -25,7 +25,6 @@ from tactile_dynamics_ros.sim.simulated_robot import Readings, SimulatedRobot, S
 
 ROBOT = load_robot()
 
-Array = NDArray[np.float64]
 
 TARE_FRAMES = 40
 ALOFT = (Phase.CARRY, Phase.EXCITE, Phase.RETURN)

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.core.tactile.analytic_force import create_force_estimator, fit_unit_gain
 from tactile_dynamics_ros.core.tactile.calibration import fit_thermal_drift
@@ -35,7 +36,6 @@ from tactile_dynamics_ros.sim.sensors.biotac.sensor import OUTER_RADIUS, outward
 
 ROBOT = load_robot()
 
-Array = NDArray[np.float64]
 
 ALONG = np.array([3.8e-3, 3.4e-3, 3.8e-3, 4.0e-3])
 AROUND = np.deg2rad([8.0, 0.0, -8.0, -44.0])

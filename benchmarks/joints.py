@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.discrepancy.explanation import explain
 from tactile_dynamics_ros.core.joints.arm import Arm
@@ -31,8 +31,6 @@ from tactile_dynamics_ros.synthetic.joints import (
     Payload,
     generate,
 )
-
-Array = NDArray[np.float64]
 
 FIRST_SEED = 66000
 """Seeds from here on were not used for tuning (0 to 40, 100 to 110 and 65000 to 65060 were)."""

@@ -12,13 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.discrepancy.explanation import explain
 from tactile_dynamics_ros.core.discrepancy.model.least_squares import LeastSquaresModel
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Condition, Family, Residuals
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.numerics.regime import Regime, split_label
-
-Array = NDArray[np.float64]
 
 TRUE = np.array([2.0, 0.5])
 """Stiffness and damping of the system."""

@@ -17,16 +17,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.explore.changes import SIZES, Watched
 from benchmarks.peers.raw_likelihood import RawLikelihood
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.filter.change import ChangeMonitor
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
 from tactile_dynamics_ros.sim.objects import planar_object
 from tactile_dynamics_ros.sim.planar.simulated_table import SimulatedTableConfig
-
-Array = NDArray[np.float64]
 
 FIT_STD = np.array([0.05, 0.2, 1e-3, 1e-3])
 """Of ln friction force, ln mass and centre of mass, m: what fits to five pushes state."""

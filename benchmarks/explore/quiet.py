@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.filter.change import ChangeMonitor
 from tactile_dynamics_ros.core.planar.filter.observation import FeltWrench, SeenPose
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
@@ -25,8 +25,6 @@ from tactile_dynamics_ros.core.planar.mechanics.linkage import applied, turned
 from tactile_dynamics_ros.core.planar.mechanics.outline import convex_hull
 from tactile_dynamics_ros.core.planar.mechanics.simulation import support_resistance
 from tactile_dynamics_ros.sim.objects import planar_object
-
-Array = NDArray[np.float64]
 
 STEP, HEIGHT, EVERY = 0.01, 0.012, 3
 """s of a step, m of the push above the table, steps from pose to pose."""

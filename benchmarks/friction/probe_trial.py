@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.support.hand_contacts import hand_contacts
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contact.contact_state import ContactState
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.friction.estimate import FrictionEstimate, SlipEvent
@@ -38,7 +38,6 @@ from tactile_dynamics_ros.sim.skin_friction import SkinFriction, SurfaceFriction
 
 ROBOT = load_robot()
 
-Array = NDArray[np.float64]
 
 PERIOD = 0.01
 TARE_FRAMES = 30

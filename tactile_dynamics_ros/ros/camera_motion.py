@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import CameraInfo, Image
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.ros.conversions import (
     camera_info,
@@ -24,8 +25,6 @@ from tactile_dynamics_ros.ros.names import CAMERA_INFO, CAMERA_POSE, CAMERA_TARG
 from tactile_dynamics_ros.ros.pacing import DelayLine
 from tactile_dynamics_ros.ros.shell import Shell
 from tactile_dynamics_ros.ros.wire import AnyStamp, Stamp, Stamped
-
-Array = NDArray[np.float64]
 
 NEAR, TURNED = 0.005, np.deg2rad(1.0)
 """Distance, m, and turn from its target at which the camera is there: arms stop within. What is

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.rigid_body.rotation import (
@@ -38,8 +39,6 @@ from tactile_dynamics_ros.ros.wire import (
     encode_stamped,
     to_stamp,
 )
-
-Array = NDArray[np.float64]
 
 IDENTITY = np.eye(4)
 SWAP_HALVES = np.array([3, 4, 5, 0, 1, 2])

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, Vector3Stamped, WrenchStamped
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.friction.estimate import FrictionEstimate
 from tactile_dynamics_ros.core.streams.stamps import Reordered
 from tactile_dynamics_ros.core.streams.streams import ContactSample, places_at
@@ -93,8 +93,6 @@ def friction_range(message: DiagnosticStatus) -> tuple[float, float] | None:
     ends = [float(v) for key, v in values.items() if key.endswith((".low", ".high"))]
     return (min(ends), max(ends)) if values.get("final") == "True" and ends else None
 
-
-Array = NDArray[np.float64]
 
 WORLD = "world"
 KEPT = 1000

@@ -17,13 +17,13 @@ from geometry_msgs.msg import (
     TransformStamped,
     Vector3,
 )
-from numpy.typing import NDArray
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion, quaternion_to_matrix
 from tactile_dynamics_ros.core.shape.superquadric.recovery import Recovery
@@ -40,8 +40,6 @@ from tactile_dynamics_ros.ros.diagnostics import status_message, status_values
 from tactile_dynamics_ros.ros.names import OBJECT_MARKERS, OBJECT_SHAPE, TF, link_topic
 from tactile_dynamics_ros.ros.shell import LATCHED, Shell
 from tactile_dynamics_ros.ros.wire import AnyStamp
-
-Array = NDArray[np.float64]
 
 WORLD = "world"
 STDS = {

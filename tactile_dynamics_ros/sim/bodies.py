@@ -13,8 +13,8 @@ from typing import Self
 
 import numpy as np
 import pybullet
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import (
     cross,
@@ -77,8 +77,6 @@ def bullet_urdf(robot: Robot, meshes: bool = False) -> str:
         mesh.attrib["filename"] = str(path)
     return ElementTree.tostring(root, encoding="unicode")
 
-
-Array = NDArray[np.float64]
 
 TABLE_HALF_SIZE = (0.4, 0.6, 0.02)
 TABLE_CENTRE = (0.6, 0.0)

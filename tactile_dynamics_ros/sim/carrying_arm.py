@@ -12,15 +12,13 @@ from typing import Any
 import numpy as np
 import pybullet
 import pybullet_data
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3
 from tactile_dynamics_ros.sim.bodies import Engine, link_indices, to_matrix
 from tactile_dynamics_ros.sim.sensors.fingertips import WristSensor, WristSensorConfig
-
-Array = NDArray[np.float64]
 
 SENSOR = "wrist_sensor"
 """Link of the sensor: it is bolted to the flange, and the tool to it."""

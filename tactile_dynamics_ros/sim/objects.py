@@ -10,16 +10,14 @@ from typing import Any
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.manipulation.grasp_planner import GraspSite
 from tactile_dynamics_ros.core.reading import read_yaml
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.rigid_body.rotation import described_pose, rpy_to_matrix
 from tactile_dynamics_ros.share import share_file
-
-Array = NDArray[np.float64]
 
 REQUIRED = {"name", "description", "source", "inertial", "shapes", "friction", "rest", "grasp"}
 

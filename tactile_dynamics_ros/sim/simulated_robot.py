@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.robot.robot_file import DEFAULT_ROBOT, load_robot
@@ -34,7 +35,6 @@ from tactile_dynamics_ros.sim.sensors.fingertips import (
 )
 from tactile_dynamics_ros.sim.world import HandWorld, WorldConfig
 
-Array = NDArray[np.float64]
 Config = TypeVar("Config")
 
 ERROR_WORDS = ("noise", "drift", "offset", "bias", "wander", "play", "loss", "variation", "stray")

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import cross, skew
@@ -18,8 +18,6 @@ from tactile_dynamics_ros.core.shape.skin_surface import (
     point_under_force,
     skin_normal,
 )
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Family, ResidualModel
 from tactile_dynamics_ros.core.discrepancy.screening import FEIGNED, Score, orthonormal
 from tactile_dynamics_ros.core.discrepancy.structure import Index, window_rows, window_starts
-
-Array = NDArray[np.float64]
 
 _WINDOW = 0.5
 """Distance of the times that are tried, s, and what is left out to either side of each. Of 16

@@ -10,6 +10,7 @@ from typing import Any, Generic, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.discrepancy.diagnosis import Diagnosis, diagnose
 from tactile_dynamics_ros.core.discrepancy.documents import Document
@@ -23,8 +24,6 @@ from tactile_dynamics_ros.core.discrepancy.structure import window_index
 from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import Assessment
 from tactile_dynamics_ros.core.discrepancy.verdict.judgement import Judgement, judge
 from tactile_dynamics_ros.core.discrepancy.verdict.materiality import Trace
-
-Array = NDArray[np.float64]
 
 _THIRD = 1.0 / 3.0
 """Share of the samples in which a condition is called low or high: thirds leave a middle between

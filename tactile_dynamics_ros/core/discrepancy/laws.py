@@ -11,8 +11,8 @@ from functools import cached_property
 from typing import Any, Protocol, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.discrepancy.diagnosis import Diagnosis
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import ResidualModel, instants
 from tactile_dynamics_ros.core.discrepancy.screening import FEIGNED, best_by_effect, orthonormal
@@ -21,8 +21,6 @@ from tactile_dynamics_ros.core.discrepancy.trials import CHANCE, Trial, evidence
 from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import noise_floor
 from tactile_dynamics_ros.core.discrepancy.verdict.validation import HeldOut, fits_equally, held_out
 from tactile_dynamics_ros.core.progress import tell
-
-Array = NDArray[np.float64]
 
 
 class LawForm(Protocol):

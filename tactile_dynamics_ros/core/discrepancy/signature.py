@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.discrepancy.change import Change, clear_change
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
     Family,
@@ -20,8 +20,6 @@ from tactile_dynamics_ros.core.discrepancy.structure import Structure, find_line
 from tactile_dynamics_ros.core.discrepancy.trials import square
 from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import Assessment
 from tactile_dynamics_ros.core.discrepancy.verdict.wording import write_interval
-
-Array = NDArray[np.float64]
 
 _CHANNEL_SHARE = 0.15
 """Excess error of a channel, over that of the worst, from which the error is said to act on it.

@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples, once_per_samples
 from tactile_dynamics_ros.core.effects.effect import Effect
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter, ParameterSum
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.numerics.regime import Regime
-
-Array = NDArray[np.float64]
 
 _LEAST_FORCE = 1e-9
 """Grip force by which shares are divided at least, N: shares are zero where nothing is touched.

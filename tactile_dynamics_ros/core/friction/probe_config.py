@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.friction.estimate import FrictionEstimateConfig
@@ -82,9 +82,6 @@ class FrictionProbeConfig:
         check_ranges(self)
         if self.variant not in VARIANTS:
             raise BadInputError(f"variant = '{self.variant}': expected {', '.join(VARIANTS)}")
-
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,14 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import cross, skew
 from tactile_dynamics_ros.core.robot.kinematic_tree import chain
 from tactile_dynamics_ros.core.robot.robot import Joint, Robot, column
 from tactile_dynamics_ros.core.robot.robot_file import load_robot
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,9 @@ from scipy import spatial
 from scipy.optimize import nnls
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.shape.object_shape import ObjectShape
-
-Array = NDArray[np.float64]
 
 _POINTS = 1000
 """Points of a volume. Moments of an even box are then off by about 1 %. Twice as many take four

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.shape.skin_surface import project_to_skin
 from tactile_dynamics_ros.core.tactile.calibration import (
@@ -24,8 +24,6 @@ from tactile_dynamics_ros.core.tactile.fingertip import (
 )
 from tactile_dynamics_ros.core.tactile.network.weights import NetworkForceEstimator, NetworkWeights
 from tactile_dynamics_ros.core.tactile.signal_change import force_features, place_features
-
-Array = NDArray[np.float64]
 
 
 class AnalyticForceModel:

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import nnls
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.files import written_whole
 from tactile_dynamics_ros.core.reading import read_json
@@ -24,8 +25,6 @@ from tactile_dynamics_ros.core.tactile.signal_change import (
     place_features,
     temperature,
 )
-
-Array = NDArray[np.float64]
 
 SHIPPED_CALIBRATION = Path(__file__).parent / "data" / "analytic_force.json"
 """File of the constants of the analytic estimator that comes with the package; made by the module

@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.shape.object_shape import Edges, ObjectShape
 from tactile_dynamics_ros.core.tracking.depth_image import grow, shrink
 from tactile_dynamics_ros.core.tracking.scene import Scene
-
-Array = NDArray[np.float64]
 
 JUDGED = 2000
 """Samples of the surface that are compared with an image: shares are known to 1 % (1 / sqrt(2000) =

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.special import ndtr
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.rigid_body.rotation import cross, exp_so3, twice
 from tactile_dynamics_ros.core.shape.object_shape import ObjectShape
@@ -43,7 +44,6 @@ from tactile_dynamics_ros.core.tracking.fit import (
 )
 from tactile_dynamics_ros.core.tracking.scene import Scene
 
-Array = NDArray[np.float64]
 Selection = TypeVar("Selection", NDArray[np.float64], NDArray[np.intp])
 
 PLANAR = (2, 3, 4)

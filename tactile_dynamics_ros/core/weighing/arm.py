@@ -9,16 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, inverse_pose, pose_of
 from tactile_dynamics_ros.core.robot.kinematic_tree import carried, chain, parse_urdf, read_tree
 from tactile_dynamics_ros.core.robot.robot import Joint, column
 from tactile_dynamics_ros.share import find_package_file
-
-Array = NDArray[np.float64]
 
 _HULL_DIRECTIONS = 300
 """Directions in which the outermost points of a mesh are kept. They are 12 deg apart, so that a

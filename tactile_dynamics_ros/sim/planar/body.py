@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pybullet
 import trimesh
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.rigid_body.rotation import inverse_pose
 from tactile_dynamics_ros.sim.bodies import (
     SHAPE_COLOUR,
@@ -21,8 +21,6 @@ from tactile_dynamics_ros.sim.bodies import (
 )
 from tactile_dynamics_ros.sim.objects import PlanarObject, PlanarPart, prism
 from tactile_dynamics_ros.sim.planar.bed import SINK, Bed, Surface, feet_of, gathered
-
-Array = NDArray[np.float64]
 
 BASE = -1
 LEVER = np.array([0.05, 0.0, 0.0])

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.sim.objects import PlanarObject, last_number, planar_object
@@ -26,8 +27,6 @@ from tactile_dynamics_ros.sim.planar.touch import Felt, TouchSensorConfig, Touch
 from tactile_dynamics_ros.sim.sensors.depth_camera import DepthCamera, DepthCameraConfig, look_at
 from tactile_dynamics_ros.sim.sensors.fingertips import MarkerTracker, MarkerTrackerConfig
 from tactile_dynamics_ros.sim.simulated_robot import is_due, silenced
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.rigid_body.rotation import cross, exp_so3, log_so3
 from tactile_dynamics_ros.core.robot.robot import Robot, column
 from tactile_dynamics_ros.sim.bodies import ContactReading
 from tactile_dynamics_ros.sim.sensors.biotac import BioTacArray, BioTacConfig
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

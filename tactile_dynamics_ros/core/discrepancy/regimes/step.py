@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtr
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.discrepancy.challenges import is_outdone_by_law
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Condition, ResidualModel
 from tactile_dynamics_ros.core.discrepancy.regimes.border import (
@@ -216,8 +216,6 @@ def _is_preferred(
     left = max(steps[-1].after.rms ** 2 - floor**2, 0.0)
     return step.after.white or step.after.rms**2 - floor**2 < _HALF * left
 
-
-Array = NDArray[np.float64]
 
 _BLOCK = 0.5
 """Length of the blocks of which one half finds the regime and the other tests it, s. Longer leaves

@@ -9,9 +9,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 import sympy
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.effects.effect import Effect
 from tactile_dynamics_ros.core.effects.formula.quantities import (
@@ -23,7 +23,6 @@ from tactile_dynamics_ros.core.effects.formula.quantities import (
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.errors import BadInputError
 
-Array = NDArray[np.float64]
 Exponents = tuple[int, ...]
 
 _LOAD = (MASS, *COM)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.files import write_arrays
 from tactile_dynamics_ros.core.reading import open_arrays
 from tactile_dynamics_ros.core.shape.skin_surface import project_to_skin
@@ -23,8 +24,6 @@ from tactile_dynamics_ros.core.tactile.fingertip import (
     frame_period,
 )
 from tactile_dynamics_ros.core.tactile.signal_change import MIRROR, PATTERN_FLOOR, signal_size
-
-Array = NDArray[np.float64]
 
 MEMORY = np.array([0.02, 0.05, 0.12, 0.3, 1.0, 4.0])
 """Time constants of the low-passes that give the network a past, s: the short ones let it average

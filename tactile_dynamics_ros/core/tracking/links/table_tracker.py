@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.tracking.depth_image import (
     Image,
     PinholeCamera,
@@ -27,8 +27,6 @@ from tactile_dynamics_ros.core.tracking.registration import OBJECT_TOLERANCE
 from tactile_dynamics_ros.core.tracking.robot_volume import Volume
 from tactile_dynamics_ros.core.tracking.scene import Scene, label_scene
 from tactile_dynamics_ros.core.tracking.watch import Sighting, TrackingState, VisionTrackerConfig
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.recording.importers.bag_tables import is_bag
 from tactile_dynamics_ros.recording.importers.fields import UNITS
@@ -24,8 +24,6 @@ from tactile_dynamics_ros.recording.importers.guess.orientations import (
 from tactile_dynamics_ros.recording.importers.guess.sources import Source, choose_group
 from tactile_dynamics_ros.recording.importers.guess.weight import Measured
 from tactile_dynamics_ros.recording.importers.guess.wrist import WristGuess
-
-Array = NDArray[np.float64]
 
 _CLEARLY_STEADIER = 3.0
 """Scatter of contact points in one frame over that in the other from which they are in the other:

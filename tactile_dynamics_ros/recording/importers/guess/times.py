@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import skew
 from tactile_dynamics_ros.recording.importers.clock import is_time_of_day
@@ -18,8 +19,6 @@ from tactile_dynamics_ros.recording.importers.guess.answers import Answers, Ques
 from tactile_dynamics_ros.recording.importers.guess.groups import ColumnName
 from tactile_dynamics_ros.recording.importers.guess.weight import Measured, Scene
 from tactile_dynamics_ros.recording.importers.tables import Table
-
-Array = NDArray[np.float64]
 
 _WORDS = frozenset(
     ["utime", "epoch", "utc", "datetime", "date"]

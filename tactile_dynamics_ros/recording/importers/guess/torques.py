@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor
 from tactile_dynamics_ros.core.rigid_body.rotation import skew
 from tactile_dynamics_ros.recording.importers.fields import UNITS
@@ -14,8 +14,6 @@ from tactile_dynamics_ros.recording.importers.guess.answers import Question
 from tactile_dynamics_ros.recording.importers.guess.groups import Group
 from tactile_dynamics_ros.recording.importers.guess.weight import GRAVITY, Scene, Weighing
 from tactile_dynamics_ros.recording.importers.tables import Table
-
-Array = NDArray[np.float64]
 
 _ALIKE = 1.3
 """Misfit over that of the best signs up to which torques are taken as forces are. Signs that are

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.recording.importers.fields import UNITS
 from tactile_dynamics_ros.recording.importers.guess.answers import Answers, Question
 from tactile_dynamics_ros.recording.importers.guess.geometry import Mounting, scale_of
@@ -34,8 +34,6 @@ from tactile_dynamics_ros.recording.importers.guess.torques import (
     torque_size,
 )
 from tactile_dynamics_ros.recording.importers.guess.weight import Measured, Windows
-
-Array = NDArray[np.float64]
 
 _LONGEST_LEVER, _SURE_LEVER = 0.6, 1.5
 """Distance, m, of a load's centre of mass from its sensor that is usual, and one that is none:

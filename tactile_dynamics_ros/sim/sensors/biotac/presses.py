@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import refuse_existing
 from tactile_dynamics_ros.core.options import COUNT, SEED
@@ -24,8 +25,6 @@ from tactile_dynamics_ros.core.tactile.calibration import (
 from tactile_dynamics_ros.core.tactile.signal_change import RestState
 from tactile_dynamics_ros.sim.sensors.biotac.sensor import OUTER_RADIUS, BioTacArray, outward_normal
 from tactile_dynamics_ros.sim.sensors.biotac.unit import BioTacConfig
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.tactile.electrodes import (
     CHANNELS,
     ELECTRODES,
@@ -18,8 +19,6 @@ from tactile_dynamics_ros.core.tactile.electrodes import (
     TDC,
 )
 from tactile_dynamics_ros.sim.sensors.biotac.unit import BioTacConfig, Units, draw_units
-
-Array = NDArray[np.float64]
 
 FAST, SLOW = 0.2, 4.0
 
