@@ -296,7 +296,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
     results = run(args.quick)
     print(json.dumps(results) if args.json else describe(results))
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -257,7 +257,3 @@ def _run(tasks: Sequence[Task], path: Path) -> list[dict[str, Any]]:
                 file.flush()
                 print(f"{count}/{len(tasks)} {task.key}", file=sys.stderr, flush=True)
     return [done[task.key] for task in tasks]
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -275,6 +275,3 @@ contacts:
     rotation: [1, 0, 0, 0, 1, 0, 0, 0, 1]
 """
 """A mapping that takes the columns of `write_log` by their names."""
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -227,7 +227,3 @@ def main() -> int:
             print(f"REACHED {one.door}: {one.how}")
         print(f"{len(tried)} tried, {len(reached)} reached")
     return 1 if reached else 0
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

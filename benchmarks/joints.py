@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import resource
-import sys
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -276,7 +275,3 @@ def table(found: dict[str, Any]) -> list[str]:
         numbers = " | ".join(f"{row[f'{k}_median']:.2g}" for k in ("mass", "com", "inertia"))
         lines.append(f"| {way} | {row['count']} | {numbers} | {held} |")
     return [*lines, f"cost: {found['cost']}"]
-
-
-if __name__ == "__main__":
-    sys.exit(main())

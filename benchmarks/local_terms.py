@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -228,7 +227,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
         f1 = np.mean([f["f1"] for f in own])
         print(f"| {case} | {len(own)} | {f1:.3f} | {right} | {bias:.4f} | {without:.4f} |")
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
