@@ -21,7 +21,7 @@ from tactile_dynamics_ros.core.joints.estimate import estimate, fit
 from tactile_dynamics_ros.core.joints.samples import JointSamples
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.robot.robot_file import load_robot
-from tactile_dynamics_ros.core.streams.joining import JointStreams
+from tactile_dynamics_ros.core.streams.joint_streams import JointStreams
 from tactile_dynamics_ros.synthetic.joints import (
     CATALOGUE,
     OUTSIDE,

@@ -32,7 +32,7 @@ def find_benchmarks() -> dict[str, tuple[str, str]]:
 
 
 def main(arguments: list[str]) -> int:
-    """Run `main` of the named benchmark; return its exit code, or 2 if there is none of that name."""
+    """Run `main` of the named benchmark; return its exit code, 2 if there is none so named."""
     benchmarks = find_benchmarks()
     if not arguments or arguments[0] not in benchmarks:
         for name, (_, sentence) in benchmarks.items():

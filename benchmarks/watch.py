@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.page_section import compose_section, section_parser, show
-from tactile_dynamics_ros.core.discrepancy.comparison import LiveCheckConfig
+from tactile_dynamics_ros.core.discrepancy.live_check import LiveCheckConfig
 from tactile_dynamics_ros.core.inertia.diagnosis.live_check import compare_streams, diagnose_streams
 from tactile_dynamics_ros.core.streams.joining import cut_streams
 from tactile_dynamics_ros.core.streams.streams import Streams

@@ -20,7 +20,6 @@ from tactile_dynamics_ros.core.inertia.live import (
 from tactile_dynamics_ros.core.inertia.live.live_estimate import Verdict, judge_estimate
 from tactile_dynamics_ros.core.inertia.live.refit import RefitConfig
 from tactile_dynamics_ros.core.streams.streams import ContactSample
-from tactile_dynamics_ros.ros.actions import estimate_message, typed_publisher
 from tactile_dynamics_ros.ros.conversions import header, inertia_to_message
 from tactile_dynamics_ros.ros.diagnostics import status_message
 from tactile_dynamics_ros.ros.friction_messages import friction_range
@@ -42,6 +41,7 @@ from tactile_dynamics_ros.ros.refitter import Refitter
 from tactile_dynamics_ros.ros.shape_messages import EstimateMarkers
 from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
 from tactile_dynamics_ros.ros.statuses import status_of, waiting_status
+from tactile_dynamics_ros.ros.typed_messages import estimate_message, typed_publisher
 
 Array = NDArray[np.float64]
 

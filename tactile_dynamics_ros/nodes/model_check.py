@@ -18,19 +18,14 @@ from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.core.discrepancy.comparison import LiveCheckConfig, LiveComparison
 from tactile_dynamics_ros.core.discrepancy.documents import Document
+from tactile_dynamics_ros.core.discrepancy.live_check import LiveCheckConfig, LiveComparison
 from tactile_dynamics_ros.core.errors import (
     BadInputError,
     NotIdentifiableError,
     TactileDynamicsError,
 )
-from tactile_dynamics_ros.ros.actions import (
-    Action,
-    effect_messages,
-    typed_publisher,
-    verdict_message,
-)
+from tactile_dynamics_ros.ros.actions import Action
 from tactile_dynamics_ros.ros.background import Background
 from tactile_dynamics_ros.ros.checked_model import (
     MODELS,
@@ -49,6 +44,11 @@ from tactile_dynamics_ros.ros.names import (
 )
 from tactile_dynamics_ros.ros.parameters import declare_config
 from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
+from tactile_dynamics_ros.ros.typed_messages import (
+    effect_messages,
+    typed_publisher,
+    verdict_message,
+)
 from tactile_dynamics_ros.ros.watch import Event, Watch, WatchConfig, keep_and_diagnose
 
 REST = 3.0

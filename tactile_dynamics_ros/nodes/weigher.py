@@ -30,7 +30,7 @@ from tactile_dynamics_ros.core.weighing.excitation import (
     plan_weighing,
 )
 from tactile_dynamics_ros.recording.yaml_files import read_body
-from tactile_dynamics_ros.ros.actions import CANCELED, Action, body_message, interface
+from tactile_dynamics_ros.ros.actions import CANCELED, Action, interface
 from tactile_dynamics_ros.ros.arm_motion import (
     ArmMotion,
     ArmMotionConfig,
@@ -64,6 +64,7 @@ from tactile_dynamics_ros.ros.names import (
 )
 from tactile_dynamics_ros.ros.parameters import declare_config
 from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
+from tactile_dynamics_ros.ros.typed_messages import body_message
 
 STEP = 0.02
 """Real time between looks at a motion, s: an arm of 0.5 rad/s turns by 0.6 deg meanwhile."""

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from tactile_dynamics_ros.core.discrepancy.comparison import (
+from tactile_dynamics_ros.core.discrepancy.documents import Document
+from tactile_dynamics_ros.core.discrepancy.live_check import (
     LiveCheckConfig,
     LiveComparison,
     LiveModelCheck,
 )
-from tactile_dynamics_ros.core.discrepancy.documents import Document
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.diagnosis.live_check import compare_streams, diagnose_streams
 from tactile_dynamics_ros.core.planar.diagnosis.changed import ChangeCheck

@@ -12,10 +12,11 @@ from test_inertial_estimator import estimator, play, settled, status
 
 import tactile_dynamics_ros
 from tactile_dynamics_ros.recording.bag_files import read_messages
-from tactile_dynamics_ros.ros.actions import effect_messages, interface, verdict_message
+from tactile_dynamics_ros.ros.actions import interface
 from tactile_dynamics_ros.ros.interface_build import PACKAGE, USES, main
 from tactile_dynamics_ros.ros.recorder import Recorder
 from tactile_dynamics_ros.ros.shell import LATCHED
+from tactile_dynamics_ros.ros.typed_messages import effect_messages, verdict_message
 
 __all__ = ["estimator"]
 INTERFACES = Path(tactile_dynamics_ros.__file__).parents[1] / "interfaces"

@@ -12,13 +12,13 @@ from synthetic_recording import held_box
 
 from benchmarks.friction.generator import draw_surface, generate_events
 from tactile_dynamics_ros.cli.main import main
-from tactile_dynamics_ros.core.discrepancy.comparison import (
+from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
+from tactile_dynamics_ros.core.discrepancy.documents import diagnosis_document
+from tactile_dynamics_ros.core.discrepancy.live_check import (
     LiveCheckConfig,
     LiveComparison,
     LiveModelCheck,
 )
-from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
-from tactile_dynamics_ros.core.discrepancy.documents import diagnosis_document
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Misfit
 from tactile_dynamics_ros.core.friction.discrepancy_model import FrictionModel
 from tactile_dynamics_ros.core.friction.slip_log import tabulate_slips

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.joints.arm import Arm
 from tactile_dynamics_ros.core.joints.samples import JointSamples
-from tactile_dynamics_ros.core.streams.joining import JointStreams
+from tactile_dynamics_ros.core.streams.joint_streams import JointStreams
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

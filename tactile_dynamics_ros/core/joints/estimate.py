@@ -24,7 +24,7 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     inertia_matrix,
     log_cholesky,
 )
-from tactile_dynamics_ros.core.streams.joining import JointStreams
+from tactile_dynamics_ros.core.streams.joint_streams import JointStreams
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.joints.arm import Arm, Motion
 from tactile_dynamics_ros.core.numerics.local_polynomial import typical_period
 from tactile_dynamics_ros.core.numerics.noise import white_noise_std
-from tactile_dynamics_ros.core.streams.joining import JointStreams
+from tactile_dynamics_ros.core.streams.joint_streams import JointStreams
 
 Array = NDArray[np.float64]
 

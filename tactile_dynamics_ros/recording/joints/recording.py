@@ -14,7 +14,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.reading import read_text
-from tactile_dynamics_ros.core.streams.joining import JointStreams
+from tactile_dynamics_ros.core.streams.joint_streams import JointStreams
 from tactile_dynamics_ros.recording.bag_files import read_messages, recorded_types
 from tactile_dynamics_ros.recording.bag_writer import write_tables
 from tactile_dynamics_ros.recording.cleaning import ranked_lines

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.streams.joining import JointStreams
+from tactile_dynamics_ros.core.streams.joint_streams import JointStreams
 from tactile_dynamics_ros.synthetic.joints.dynamics import (
     Dynamics,
     SimulatedLink,

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tactile_dynamics_ros.core.discrepancy.comparison import LiveComparison
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.discrepancy.documents import Document, diagnosis_document
 from tactile_dynamics_ros.core.discrepancy.explanation import ask_twice
+from tactile_dynamics_ros.core.discrepancy.live_check import LiveComparison
 from tactile_dynamics_ros.core.effects.registry import create_effects
 from tactile_dynamics_ros.core.effects.sensor_zero import with_zero
 from tactile_dynamics_ros.core.inertia.batch.averaging import averaged

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tactile_dynamics_ros.core.discrepancy.comparison import LiveComparison
 from tactile_dynamics_ros.core.discrepancy.documents import Document
+from tactile_dynamics_ros.core.discrepancy.live_check import LiveComparison
 from tactile_dynamics_ros.core.planar.diagnosis.live_check import compare_pushes, diagnose_pushes
 from tactile_dynamics_ros.core.planar.streams import PushedStreams
 

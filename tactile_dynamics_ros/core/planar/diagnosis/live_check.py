@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tactile_dynamics_ros.core.discrepancy.comparison import LiveComparison
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.discrepancy.documents import Document, diagnosis_document
+from tactile_dynamics_ros.core.discrepancy.live_check import LiveComparison
 from tactile_dynamics_ros.core.planar.diagnosis.discrepancy_model import PushDiscrepancy
 from tactile_dynamics_ros.core.planar.streams import PushedStreams
 
