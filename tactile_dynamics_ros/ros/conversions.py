@@ -42,7 +42,6 @@ from tactile_dynamics_ros.ros.wire import (
 
 IDENTITY = np.eye(4)
 SWAP_HALVES = np.array([3, 4, 5, 0, 1, 2])
-SWAP_ROWS = SWAP_HALVES[:, None]
 DEPTH_ENCODING = "32FC1"
 RESTART_AFTER = 1.0
 LARGEST_WRENCH = 1e4
@@ -230,14 +229,14 @@ def uncertain_pose_to_core(message: Stamped, topic: str, frame: str) -> tuple[Ar
 
 def covariance_to_core(message: Stamped) -> Array:
     """Return the covariance (6, 6) [rotation, position] of a PoseWithCovarianceStamped as it is."""
-    return np.asarray(message.values[7:].reshape(6, 6)[SWAP_ROWS, SWAP_HALVES])
+    return np.asarray(message.values[7:].reshape(6, 6)[SWAP_HALVES[:, None], SWAP_HALVES])
 
 
 def uncertain_pose_to_message(
     matrix: Array, covariance: Array, time: float | AnyStamp, frame: str
 ) -> bytes:
     """Return the PoseWithCovarianceStamped of a pose and its covariance [rotation, position]."""
-    swapped = covariance[SWAP_ROWS, SWAP_HALVES].ravel()
+    swapped = covariance[SWAP_HALVES[:, None], SWAP_HALVES].ravel()
     return encode_stamped(_stamp(time), frame, np.concatenate([_pose_values(matrix), swapped]))
 
 
