@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.kept import read_rows
 from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.filter.change import ChangeMonitor
 from tactile_dynamics_ros.core.planar.filter.observation import FeltWrench, SeenPose
@@ -53,7 +54,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     """One row for each object and spread; those in the file are not made again."""
     path: Path = options.quiet_rows
     path.parent.mkdir(parents=True, exist_ok=True)
-    rows = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+    rows = read_rows(path)
     done = {(row["case"], row["spread"]) for row in rows}
     count = 2 if options.quick else int(np.ceil(3600.0 * options.quiet_hours / TOUCH))
     for case in range(count):
