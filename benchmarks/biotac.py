@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from benchmarks.peers.voxel import (
     VoxelConfig,
@@ -27,11 +26,13 @@ from benchmarks.peers.voxel import (
     predict_voxel,
     train_voxel_network,
 )
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.tactile.analytic_force import (
     classic_force,
     electrode_centroid,
     estimate_point,
     estimate_sequence,
+    fit_unit_gain,
 )
 from tactile_dynamics_ros.core.tactile.calibration import (
     NORMAL_90,
@@ -39,27 +40,22 @@ from tactile_dynamics_ros.core.tactile.calibration import (
     shipped_calibration,
 )
 from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
-from tactile_dynamics_ros.core.tactile.network.estimator import (
-    NetworkForceEstimator,
-    predict_presses,
-)
 from tactile_dynamics_ros.core.tactile.network.training import TrainingConfig, train_network
 from tactile_dynamics_ros.core.tactile.network.weights import (
     SHIPPED_NETWORK,
+    NetworkForceEstimator,
     NetworkWeights,
     lagged,
     network_inputs,
+    predict_presses,
     shipped_network,
 )
-from tactile_dynamics_ros.core.tactile.unit_gain import fit_unit_gain
 from tactile_dynamics_ros.sim.sensors.biotac import BioTacConfig
-from tactile_dynamics_ros.sim.sensors.biotac.calibrate import (
+from tactile_dynamics_ros.sim.sensors.biotac.presses import (
     HELD_OUT_SEED,
     join_presses,
     label_protocols,
 )
-
-Array = NDArray[np.float64]
 
 TEST_SEED = 777_000
 BANDS = ((0.2, 0.5), (0.5, 1.0), (1.0, 2.0), (2.0, 5.0))
@@ -300,7 +296,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
     results = run(args.quick)
     print(json.dumps(results) if args.json else describe(results))
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

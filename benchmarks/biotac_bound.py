@@ -21,16 +21,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.sim.sensors.biotac import BioTacArray, BioTacConfig
 from tactile_dynamics_ros.sim.sensors.biotac.presses import PressConfig, plan_presses, protocols
-from tactile_dynamics_ros.sim.sensors.biotac.sensor import electrode_counts, static_pressure
-from tactile_dynamics_ros.sim.sensors.biotac.skin import (
+from tactile_dynamics_ros.sim.sensors.biotac.sensor import (
+    electrode_counts,
     fluid_thickness,
     indent,
     outward_normal,
     sensed_share,
+    static_pressure,
 )
 from tactile_dynamics_ros.sim.sensors.biotac.unit import (
     GAP_STD,
@@ -40,8 +41,6 @@ from tactile_dynamics_ros.sim.sensors.biotac.unit import (
     STIFFNESS_STD,
     Units,
 )
-
-Array = NDArray[np.float64]
 
 FRAMES = 50
 """Frames of 10 ms that are remembered."""

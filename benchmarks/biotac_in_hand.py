@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.biotac_press_rig import calibrate_units
 from benchmarks.support.hand_contacts import hand_contacts
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contact.contact_state import (
     Contact,
     ContactState,
@@ -18,14 +18,13 @@ from tactile_dynamics_ros.core.contact.contact_state import (
 from tactile_dynamics_ros.core.manipulation.grasp_controller import GraspController, Phase
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.robot.robot_file import load_robot
+from tactile_dynamics_ros.core.tactile.analytic_force import create_force_estimator
 from tactile_dynamics_ros.core.tactile.calibration import NORMAL_90
-from tactile_dynamics_ros.core.tactile.estimators import create_force_estimator
 from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
 from tactile_dynamics_ros.sim.simulated_robot import Readings, SimulatedRobot, SimulatedRobotConfig
 
 ROBOT = load_robot()
 
-Array = NDArray[np.float64]
 
 TARE_FRAMES = 40
 ALOFT = (Phase.CARRY, Phase.EXCITE, Phase.RETURN)

@@ -16,12 +16,10 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.biotac_real import read_trial
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
-
-Array = NDArray[np.float64]
 
 DATA = Path(__file__).parent.parent.parent / "shared" / "data"
 _STRETCH = 50

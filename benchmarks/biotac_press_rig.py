@@ -24,19 +24,18 @@ from numpy.typing import NDArray
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.robot.robot_file import load_robot
-from tactile_dynamics_ros.core.tactile.estimators import create_force_estimator
+from tactile_dynamics_ros.core.tactile.analytic_force import create_force_estimator, fit_unit_gain
+from tactile_dynamics_ros.core.tactile.calibration import fit_thermal_drift
 from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
-from tactile_dynamics_ros.core.tactile.thermal_drift import fit_thermal_drift
-from tactile_dynamics_ros.core.tactile.unit_gain import fit_unit_gain
 from tactile_dynamics_ros.recording.cdr import BIOTAC_RAW
 from tactile_dynamics_ros.ros.conversions import biotac_to_message, wrench_to_message
 from tactile_dynamics_ros.sim.sensors.biotac import BioTacArray, BioTacConfig
-from tactile_dynamics_ros.sim.sensors.biotac.skin import OUTER_RADIUS, outward_normal
+from tactile_dynamics_ros.sim.sensors.biotac.sensor import OUTER_RADIUS, outward_normal
 
 ROBOT = load_robot()
 
-Array = NDArray[np.float64]
 
 ALONG = np.array([3.8e-3, 3.4e-3, 3.8e-3, 4.0e-3])
 AROUND = np.deg2rad([8.0, 0.0, -8.0, -44.0])

@@ -20,14 +20,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.shape.skin_surface import skin_normal
 from tactile_dynamics_ros.core.tactile.analytic_force import electrode_centroid
-from tactile_dynamics_ros.core.tactile.network.estimator import predict_sequence
-from tactile_dynamics_ros.core.tactile.network.weights import shipped_network
+from tactile_dynamics_ros.core.tactile.network.weights import predict_sequence, shipped_network
 from tactile_dynamics_ros.core.tactile.signal_change import place_features
-
-Array = NDArray[np.float64]
 
 DATA = Path(__file__).parent.parent.parent / "shared" / "data" / "biotac_contact_normal"
 PERIOD = 0.0165

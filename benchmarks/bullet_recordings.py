@@ -20,7 +20,7 @@ from tactile_dynamics_ros.core.manipulation.grasp_controller import (
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.robot.robot_file import DEFAULT_ROBOT, load_robot
 from tactile_dynamics_ros.core.streams.streams import ContactStream, PoseStream, Streams
-from tactile_dynamics_ros.sim.contacts import ContactReading
+from tactile_dynamics_ros.sim.bodies import ContactReading
 from tactile_dynamics_ros.sim.hidden_effects import HiddenEffect, SensorView, create_hidden_effect
 from tactile_dynamics_ros.sim.world import HandWorld, WorldConfig
 from tactile_dynamics_ros.synthetic import randomness

@@ -153,7 +153,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
         page = options.write.read_text()
         options.write.write_text(replace_section(page, section(outcomes, command)))
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -346,7 +346,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
     else:
         print("\n".join(table(rows)))
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

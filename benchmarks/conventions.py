@@ -8,13 +8,15 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 from benchmarks.effects.cases import STRONG, Case
 from benchmarks.effects.product import ask_command
+from benchmarks.kept import continued
 from benchmarks.support.conventions import MISTAKES, OF_FINGERS, OF_IMU, mistaken
 from benchmarks.support.tables import WristOptions, finger_table, wrist_table
 from tactile_dynamics_ros.core.inertia.diagnosis.misreading import question
@@ -244,20 +246,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(tasks: Sequence[Task], path: Path) -> list[dict[str, Any]]:
-    done: dict[str, dict[str, Any]] = {}
-    if path.exists():
-        lines = path.read_text().splitlines()
-        done = {record["key"]: record for record in map(json.loads, lines)}
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("a") as file:
-        for count, task in enumerate(tasks, start=1):
-            if task.key not in done:
-                done[task.key] = run_task(task)
-                file.write(json.dumps(done[task.key]) + "\n")
-                file.flush()
-                print(f"{count}/{len(tasks)} {task.key}", file=sys.stderr, flush=True)
-    return [done[task.key] for task in tasks]
+    def answer(missing: list[int]) -> Iterator[dict[str, Any]]:
+        for k in missing:
+            yield run_task(tasks[k])
+            print(f"{k + 1}/{len(tasks)} {tasks[k].key}", file=sys.stderr, flush=True)
 
-
-if __name__ == "__main__":
-    sys.exit(main())
+    return continued(path, [task.key for task in tasks], itemgetter("key"), answer)

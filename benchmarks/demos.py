@@ -184,7 +184,3 @@ def format_row(row: dict[str, Any]) -> str:
     cells = (row["demo"], row["exit"], f"{row['seconds']:.0f}", row["verdict"] or "-")
     named = ", ".join(row["named"]) or "-"
     return f"| {' | '.join(str(cell) for cell in (*cells, named, *numbers))} |"
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, product
@@ -191,7 +190,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
         f"--clean {options.clean} --singles {options.singles}"
     )
     return show(outcomes, table, lambda found: section(found, command), options.write)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

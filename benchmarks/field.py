@@ -8,8 +8,9 @@ import re
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,7 @@ from benchmarks.field_cases import (
     opened,
     write_log,
 )
+from benchmarks.kept import continued
 
 FIRST_SEED = 100
 """First seed of a report; those below were used while the product was written."""
@@ -245,17 +247,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(tasks: Sequence[tuple[Case, int]], path: Path) -> list[dict[str, Any]]:
     """Answers of tasks; those that a file has are not asked again."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    lines = path.read_text().splitlines() if path.exists() else []
-    done = {(r["kind"], r["seed"]): r for r in map(json.loads, lines)}
-    with path.open("a") as file:
-        for case, seed in tasks:
-            if (case.kind, seed) not in done:
-                done[case.kind, seed] = ask(case, seed)
-                file.write(json.dumps(done[case.kind, seed]) + "\n")
-                file.flush()
-                print(done[case.kind, seed], file=sys.stderr, flush=True)
-    return [done[case.kind, seed] for case, seed in tasks]
+
+    def answer(missing: list[int]) -> Iterator[dict[str, Any]]:
+        for k in missing:
+            yield (found := ask(*tasks[k]))
+            print(found, file=sys.stderr, flush=True)
+
+    keys = [(case.kind, seed) for case, seed in tasks]
+    return continued(path, keys, itemgetter("kind", "seed"), answer)
 
 
 _PLAIN = """\
@@ -275,6 +274,3 @@ contacts:
     rotation: [1, 0, 0, 0, 1, 0, 0, 0, 1]
 """
 """A mapping that takes the columns of `write_log` by their names."""
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -11,11 +11,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import butter, lfilter
 from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
+from tactile_dynamics_ros.core.array import Array
 
 RATE_HZ, SECONDS, ROWS = 100.0, 15.0, 24
 """Samples per second and length of a log, and poses of a table without time."""

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.manipulation.grasp_controller import (
     GraspConfig,
     GraspController,
@@ -20,8 +20,6 @@ from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.sim.world import HandWorld, WorldConfig
 
 ROBOT = load_robot()
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import resource
-import sys
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -13,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.discrepancy.explanation import explain
 from tactile_dynamics_ros.core.joints.arm import Arm
@@ -31,8 +30,6 @@ from tactile_dynamics_ros.synthetic.joints import (
     Payload,
     generate,
 )
-
-Array = NDArray[np.float64]
 
 FIRST_SEED = 66000
 """Seeds from here on were not used for tuning (0 to 40, 100 to 110 and 65000 to 65060 were)."""
@@ -278,7 +275,3 @@ def table(found: dict[str, Any]) -> list[str]:
         numbers = " | ".join(f"{row[f'{k}_median']:.2g}" for k in ("mass", "com", "inertia"))
         lines.append(f"| {way} | {row['count']} | {numbers} | {held} |")
     return [*lines, f"cost: {found['cost']}"]
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,11 +1,12 @@
-"""Results of an interrupted run, kept in files of this user alone."""
+"""Results of an interrupted run: kept in files of this user alone, or a line for each answer."""
 
 from __future__ import annotations
 
+import json
 import os
 import pickle
 import stat
-from collections.abc import Callable
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -37,3 +38,33 @@ def kept(path: Path | None, make: Callable[[], Any]) -> Any:
     if not mine or state.st_mode & 0o022:
         raise BadInputError(f"{path}: others could have written it; remove it")
     return pickle.loads(path.read_bytes())
+
+
+def read_rows(path: Path) -> list[dict[str, Any]]:
+    """Return the rows of a file, JSON in each line; a line that was cut off is left out."""
+    lines = path.read_text().splitlines() if path.exists() else []
+    return [json.loads(line) for line in lines if line.strip().endswith("}")]
+
+
+def continued(
+    path: Path,
+    keys: Sequence[Hashable],
+    key_of: Callable[[dict[str, Any]], Hashable],
+    answer: Callable[[list[int]], Iterable[dict[str, Any]]],
+) -> list[dict[str, Any]]:
+    """Return a row for each case; those that the file has are not asked again.
+
+    Args:
+        path: of the file, to which each new row is added at once.
+        keys: of the cases.
+        key_of: gives the key of a row.
+        answer: gives the rows of the cases with these indices, in any order.
+    """
+    done = {key_of(row): row for row in read_rows(path)}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("a") as file:
+        for row in answer([k for k, key in enumerate(keys) if key not in done]):
+            done[key_of(row)] = row
+            file.write(json.dumps(row) + "\n")
+            file.flush()
+    return [done[key] for key in keys if key in done]

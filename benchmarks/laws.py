@@ -164,7 +164,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(json.dumps(found[-1]), file=sys.stderr, flush=True)
     print(json.dumps(found) if options.json else "\n".join(summarise(found)))
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

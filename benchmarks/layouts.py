@@ -155,7 +155,3 @@ def _print_verdicts(verdicts: Mapping[str, list[tuple[str, str]]]) -> None:
 
 def _counts(counts: Counter[str]) -> str:
     return "  ".join(f"{verdict} {counts[verdict]:3d}" for verdict in (RIGHT, ASKS, WRONG))
-
-
-if __name__ == "__main__":
-    main()

@@ -185,7 +185,3 @@ def _parse() -> argparse.Namespace:
     parser.add_argument("--json", action="store_true", help="print only JSON on stdout")
     parser.set_defaults(hidden="none", magnitude=1.0)
     return parser.parse_args()
-
-
-if __name__ == "__main__":
-    sys.exit(main())

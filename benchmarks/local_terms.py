@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -12,13 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.discrepancy.explanation import explain
 from tactile_dynamics_ros.core.discrepancy.model.least_squares import LeastSquaresModel
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Condition, Family, Residuals
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.numerics.regime import Regime, split_label
-
-Array = NDArray[np.float64]
 
 TRUE = np.array([2.0, 0.5])
 """Stiffness and damping of the system."""
@@ -229,7 +227,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
         f1 = np.mean([f["f1"] for f in own])
         print(f"| {case} | {len(own)} | {f1:.3f} | {right} | {bias:.4f} | {without:.4f} |")
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

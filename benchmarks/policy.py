@@ -157,7 +157,3 @@ def main() -> int:
         POLICY.write_text(policy_of(accesses()))
     print(POLICY)
     return 0
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

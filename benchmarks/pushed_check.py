@@ -212,7 +212,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
     command = f"./dev bench pushed_check --start {options.start} --count {options.count}"
     found = outcomes(options.start, options.count)
     return show(found, table, lambda found: section(found, command), options.write)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

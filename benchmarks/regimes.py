@@ -282,7 +282,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
         page = options.write.read_text()
         options.write.write_text(replace_section(page, section(outcomes, false, command)))
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

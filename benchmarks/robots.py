@@ -67,7 +67,3 @@ def run_demo(robot: str, name: str, seed: int, duration: float) -> np.ndarray | 
     mass = 100.0 * (live[0] / truth["mass"] - 1.0)
     centre = 1e3 * np.linalg.norm(np.array(live[1:4]) - truth["com"])
     return np.array([mass, centre, document["error"]["mass_percent"], document["error"]["com_mm"]])
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-import runpy
+import importlib
 import sys
 from pathlib import Path
 
@@ -32,15 +32,14 @@ def find_benchmarks() -> dict[str, tuple[str, str]]:
 
 
 def main(arguments: list[str]) -> int:
-    """Run the named benchmark as `python -m` would; return 2 if there is none of that name."""
+    """Run `main` of the named benchmark; return its exit code, 2 if there is none so named."""
     benchmarks = find_benchmarks()
     if not arguments or arguments[0] not in benchmarks:
         for name, (_, sentence) in benchmarks.items():
             print(f"  {name:12s} {sentence}")
         return 0 if not arguments or arguments[0] in ("-h", "--help") else 2
     sys.argv = [f"bench {arguments[0]}", *arguments[1:]]
-    runpy.run_module(benchmarks[arguments[0]][0], run_name="__main__", alter_sys=False)
-    return 0
+    return importlib.import_module(benchmarks[arguments[0]][0]).main() or 0
 
 
 if __name__ == "__main__":

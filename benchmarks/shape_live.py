@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -110,7 +109,3 @@ def describe(found: dict[str, Any]) -> str:
     sizes = "; ".join(" ".join(f"{1e3 * e:+.1f}" for e in part) for part in found["errors_m"])
     parts = f"{found['parts']} of {found['true_parts']} parts"
     return f"{row}, {found['looks']} looks, {parts}, size off by {sizes} mm: {found['words']}"
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -179,7 +179,3 @@ def main(run: bool = False) -> int:
     if args.write:
         PAGE.write_text(mark(PAGE.read_text()))
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

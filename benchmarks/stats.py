@@ -160,7 +160,3 @@ def _imported() -> int:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     return int(done.stdout)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -8,7 +8,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -325,7 +324,3 @@ def _parse() -> argparse.Namespace:
     parser.add_argument("--count", type=int, default=10, help="stops in each state (default 10)")
     parser.add_argument("--json", action="store_true", help="print only JSON on stdout")
     return parser.parse_args()
-
-
-if __name__ == "__main__":
-    sys.exit(main())

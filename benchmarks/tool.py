@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -158,7 +157,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
     command = f"./dev bench tool --start {options.start} --count {options.count}"
     found = outcomes(options.start, options.count)
     return show(found, table, lambda found: section(found, real, command), options.write)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -7,7 +7,6 @@ the first of a seed a minute more, in which these are calibrated.
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 
 import numpy as np
@@ -59,7 +58,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for torsion in options.torsion:
             print(row(torsion, options.object, seed), flush=True)
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -159,7 +158,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
     command = f"./dev bench watch --start {options.start} --clean {options.clean}"
     found = outcomes(options.start, names, options.clean)
     return show(found, table, lambda found: section(found, command), options.write)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

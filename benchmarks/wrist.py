@@ -7,7 +7,6 @@ is used but to score.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -164,7 +163,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
     command = f"./dev bench wrist --start {options.start} --hands {options.hands} --boxes {boxes}"
     found = outcomes(options.boxes, options.start, options.hands)
     return show(found, table, lambda found: section(found, command), options.write)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

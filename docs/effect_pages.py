@@ -18,17 +18,17 @@ from PIL import Image
 from docs.effect_signatures import ONE_FINGER, draw_signature
 from docs.joint_signatures import draw_joint_signature
 from tactile_dynamics_ros.core.effects import EFFECT_NAMES, create_effect
-from tactile_dynamics_ros.core.effects.catalogue import (
-    CatalogueEntry,
-    describe_effect,
-    group_parameters,
-)
 from tactile_dynamics_ros.core.effects.formula.expression import FUNCTIONS
 from tactile_dynamics_ros.core.effects.formula.quantities import (
     CONTACT_SCALARS,
     CONTACT_VECTORS,
     SCALARS,
     VECTORS,
+)
+from tactile_dynamics_ros.core.effects.registry import (
+    CatalogueEntry,
+    describe_effect,
+    group_parameters,
 )
 from tactile_dynamics_ros.core.joints.effects import JOINT_EFFECT_NAMES, describe_joint_effect
 from tactile_dynamics_ros.core.planar.effects.registry import (

@@ -9,8 +9,8 @@ from functools import cache
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.effects import create_effect
 from tactile_dynamics_ros.core.effects.check import (
@@ -29,8 +29,6 @@ from tactile_dynamics_ros.report.style import (
     label_lines,
     new_figure,
 )
-
-Array = NDArray[np.float64]
 
 PHASES = (("holds", 0.0, 2.0), ("moves", 2.0, 5.0), ("turns", 5.0, 9.0), ("squeezes", 9.0, 11.4))
 RATE = 100.0

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from tactile_dynamics_ros.api.joint_estimates import EstimateOfJoints
     from tactile_dynamics_ros.api.pushed_checks import PushedCheck
     from tactile_dynamics_ros.api.pushed_estimates import EstimateOfPushes
+    from tactile_dynamics_ros.api.reading import read
     from tactile_dynamics_ros.api.shapes import Shape
     from tactile_dynamics_ros.api.verbs import (
         check,
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
         diagnose,
         estimate,
         explain,
-        read,
         shape,
     )
     from tactile_dynamics_ros.api.wrist import read_wrist
@@ -46,6 +46,7 @@ _MODULES = {
     "PushedRecording": "recording.pushed",
     "Recording": "recording",
     "Shape": "api.shapes",
+    "read": "api.reading",
     "read_wrist": "api.wrist",
 }
 """Where what is not a verb comes from: imported on demand, as each costs a second."""

@@ -80,7 +80,3 @@ def summary(found: Sequence[Outcome]) -> list[str]:
     ran = sum(one.exit is not None for one in found)
     failed = sum(one.failed for one in found)
     return [*lines, "", f"{len(found)} commands and snippets: {ran} ran, {failed} failed"]
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -19,8 +19,9 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.effects.product import ask_command
-from benchmarks.effects.running import named_effects, read_records
+from benchmarks.effects.running import named_effects
 from benchmarks.inertia.in_hand import record_in_hand
+from benchmarks.kept import read_rows
 from tactile_dynamics_ros.sim.hidden_effects import CATALOGUED, OUTSIDE
 from tactile_dynamics_ros.synthetic.recordings import write_bag
 
@@ -32,7 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Record, diagnose, print one line each and the sums."""
     options = _parse(arguments)
     wanted = options.only or ["none", *CATALOGUED, *OUTSIDE]
-    done = {(r["effect"], r["seed"]) for r in read_records(options.records)}
+    done = {(r["effect"], r["seed"]) for r in read_rows(options.records)}
     options.records.parent.mkdir(parents=True, exist_ok=True)
     for seed in range(options.start, options.start + options.seeds):
         for effect in wanted:
@@ -41,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 print(describe(record), flush=True)
                 with options.records.open("a") as file:
                     file.write(json.dumps(record) + "\n")
-    print(summarise(read_records(options.records)))
+    print(summarise(read_rows(options.records)))
     return 0
 
 

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import multiprocessing
 import os
 import sys
 import tempfile
 import time
 import traceback
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ import numpy as np
 
 from benchmarks.effects.cases import Case
 from benchmarks.effects.product import Answer, Ask, ask_command
+from benchmarks.kept import continued
 from benchmarks.support.planned import record_plan
 from tactile_dynamics_ros.synthetic.calibration import excess_by_channel, excess_rms
 from tactile_dynamics_ros.synthetic.recordings import HiddenRecording, write_bag
@@ -69,33 +70,17 @@ def _separate(
 
 def run_all(cases: Sequence[Case], path: Path, workers: int) -> list[dict[str, Any]]:
     """Run the cases that the file does not hold yet; return all records of these cases."""
-    done = {record["key"]: record for record in read_records(path)}
-    missing = [case for case in cases if case.key not in done]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    _limit_threads()
-    spawn = multiprocessing.get_context("spawn")
-    begin = time.monotonic()
-    with path.open("a") as file, ProcessPoolExecutor(workers, mp_context=spawn) as pool:
-        futures = {pool.submit(_run_safely, case): case for case in missing}
-        for count, future in enumerate(as_completed(futures), start=1):
-            record = future.result()
-            done[record["key"]] = record
-            file.write(json.dumps(record) + "\n")
-            file.flush()
-            _show_progress(count, len(missing), begin, record["key"])
-    return [done[case.key] for case in cases if case.key in done]
 
+    def answer(missing: list[int]) -> Iterator[dict[str, Any]]:
+        _limit_threads()
+        begin = time.monotonic()
+        with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
+            futures = [pool.submit(_run_safely, cases[k]) for k in missing]
+            for count, future in enumerate(as_completed(futures), start=1):
+                yield (record := future.result())
+                _show_progress(count, len(missing), begin, record["key"])
 
-def read_records(path: Path) -> list[dict[str, Any]]:
-    """Return the records of a file; a line that was cut off is left out."""
-    if not path.exists():
-        return []
-    records = []
-    for line in path.read_text().splitlines():
-        with_end = line.strip()
-        if with_end.endswith("}"):
-            records.append(json.loads(with_end))
-    return records
+    return continued(path, [case.key for case in cases], itemgetter("key"), answer)
 
 
 def named_effects(diagnosis: dict[str, Any]) -> list[str]:

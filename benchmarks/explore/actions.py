@@ -12,7 +12,6 @@ import sys
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.planar.actions.affordances import CHOOSERS, ExploreConfig
 from tactile_dynamics_ros.core.planar.actions.exploration import Choice, Explorer
@@ -24,9 +23,7 @@ from tactile_dynamics_ros.core.planar.actions.information import (
     updated,
 )
 from tactile_dynamics_ros.core.planar.mechanics.outline import convex_hull
-from tactile_dynamics_ros.sim.planar_objects import planar_object
-
-Array = NDArray[np.float64]
+from tactile_dynamics_ros.sim.objects import planar_object
 
 NUMBERS = tuple(range(1, 21))
 """Objects of one part in config/planar_objects.yaml."""

@@ -10,7 +10,6 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.support.pushing_robot import PushOptions, drawn_action, perform
 from tactile_dynamics_ros.core.errors import NotIdentifiableError, TactileDynamicsError
@@ -24,8 +23,6 @@ from tactile_dynamics_ros.sim.planar.simulated_table import (
     SimulatedTableConfig,
     TableReadings,
 )
-
-Array = NDArray[np.float64]
 
 SIZES = {"support_tilt": 2.0, "none": 0.0}
 """Multiples of the typical size: 4 degrees of tilt; effects that are not here come at 1.35."""

@@ -17,16 +17,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.explore.changes import SIZES, Watched
+from benchmarks.kept import read_rows
 from benchmarks.peers.raw_likelihood import RawLikelihood
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.filter.change import ChangeMonitor
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
+from tactile_dynamics_ros.sim.objects import planar_object
 from tactile_dynamics_ros.sim.planar.simulated_table import SimulatedTableConfig
-from tactile_dynamics_ros.sim.planar_objects import planar_object
-
-Array = NDArray[np.float64]
 
 FIT_STD = np.array([0.05, 0.2, 1e-3, 1e-3])
 """Of ln friction force, ln mass and centre of mass, m: what fits to five pushes state."""
@@ -54,7 +53,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     """One row for each object, seed and spread; those in the file are not made again."""
     path: Path = options.lean_rows
     path.parent.mkdir(parents=True, exist_ok=True)
-    rows = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+    rows = read_rows(path)
     done = {(row["effect"], row["spread"], row["seed"], row["object"]) for row in rows}
     cases = product(options.begins, options.lean_spreads, options.lean_seeds, options.leaning)
     for case in list(cases)[: 1 if options.quick else None]:

@@ -9,7 +9,6 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.explore.goals import BOUNDS
 from benchmarks.explore.stage import RATE, planar
@@ -31,8 +30,6 @@ from tactile_dynamics_ros.sim.planar.simulated_table import (
     SimulatedTableConfig,
     TableReadings,
 )
-
-Array = NDArray[np.float64]
 
 PLANS = {
     "three pushes": ("push", "push", "push"),

@@ -10,21 +10,19 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.explore.searches import Averaged, PathIntegral, PlainSearch
 from benchmarks.explore.stage import Stage
 from benchmarks.peers.centring import CentringPusher
 from benchmarks.support.pushing_robot import PushOptions, simulate_pushes
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.planar.control.controller import PushController
 from tactile_dynamics_ros.core.planar.control.plan import Bounds, PushPlanner
 from tactile_dynamics_ros.core.planar.control.prediction import PushedBody
 from tactile_dynamics_ros.core.planar.properties.estimate import estimate
+from tactile_dynamics_ros.sim.objects import planar_object
 from tactile_dynamics_ros.sim.planar.simulated_table import SimulatedTableConfig
-from tactile_dynamics_ros.sim.planar_objects import planar_object
-
-Array = NDArray[np.float64]
 
 OBJECTS = tuple(range(121, 129))
 """Of one part, made for tests: none of them was used to tune the controller (1 to 34 were)."""

@@ -15,8 +15,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from benchmarks.kept import read_rows
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.filter.change import ChangeMonitor
 from tactile_dynamics_ros.core.planar.filter.observation import FeltWrench, SeenPose
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
@@ -24,9 +25,7 @@ from tactile_dynamics_ros.core.planar.filter.process import PusherMotion
 from tactile_dynamics_ros.core.planar.mechanics.linkage import applied, turned
 from tactile_dynamics_ros.core.planar.mechanics.outline import convex_hull
 from tactile_dynamics_ros.core.planar.mechanics.simulation import support_resistance
-from tactile_dynamics_ros.sim.planar_objects import planar_object
-
-Array = NDArray[np.float64]
+from tactile_dynamics_ros.sim.objects import planar_object
 
 STEP, HEIGHT, EVERY = 0.01, 0.012, 3
 """s of a step, m of the push above the table, steps from pose to pose."""
@@ -55,7 +54,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     """One row for each object and spread; those in the file are not made again."""
     path: Path = options.quiet_rows
     path.parent.mkdir(parents=True, exist_ok=True)
-    rows = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+    rows = read_rows(path)
     done = {(row["case"], row["spread"]) for row in rows}
     count = 2 if options.quick else int(np.ceil(3600.0 * options.quiet_hours / TOUCH))
     for case in range(count):

@@ -7,15 +7,14 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.numerics.search import SearchConfig, cross_entropy
 from tactile_dynamics_ros.core.planar.actions.information import Belief
 from tactile_dynamics_ros.core.planar.control.plan import LENGTH, Push, PushPlanner
 from tactile_dynamics_ros.core.planar.control.prediction import PushedBody
 from tactile_dynamics_ros.core.planar.linked.outlines import distance_outside
 
-Array = NDArray[np.float64]
 Cost = Callable[[Array], Array]
 
 _PLACES = 12

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.control.controller import Outcome, PushController
 from tactile_dynamics_ros.core.planar.control.joint_watch import LOW, JointWatch, body_of_two
 from tactile_dynamics_ros.core.planar.control.jointed import Hinge
@@ -19,8 +19,6 @@ from tactile_dynamics_ros.sim.planar.simulated_table import (
     SimulatedTableConfig,
     TableReadings,
 )
-
-Array = NDArray[np.float64]
 
 LATENCY = 0.02
 """Delay of poses behind their stamp, s, as `robot_sim` has it by default."""

@@ -94,7 +94,3 @@ def figures(trials: Sequence[Trial], phase: str) -> dict[str, float | None]:
         "nees_median_of_runs": float(np.median(nees)),
         "nees_worst_run": float(np.max(nees)),
     }
-
-
-if __name__ == "__main__":
-    sys.exit(main())

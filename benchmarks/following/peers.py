@@ -6,13 +6,12 @@ from collections.abc import Callable
 
 import numpy as np
 import small_gicp
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.tracking.depth_image import PinholeCamera, cut_window
 from tactile_dynamics_ros.core.tracking.links.link_tracker import Link
 from tactile_dynamics_ros.core.tracking.watch import Sighting
 
-Array = NDArray[np.float64]
 Follower = Callable[[Array, PinholeCamera, float, Array], dict[str, Sighting]]
 
 REACH, HEIGHT = 0.02, 0.006

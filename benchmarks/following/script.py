@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.rigid_body.rotation import pose_of
-from tactile_dynamics_ros.sim.planar_objects import PlanarObject
-
-Array = NDArray[np.float64]
+from tactile_dynamics_ros.sim.objects import PlanarObject
 
 RATE_HZ = 15.0
 PUSH_S, PAUSE_S, RAMP_S = 1.4, 0.4, 0.15

@@ -8,10 +8,10 @@ import numpy as np
 import pybullet
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, matrix_to_quaternion
 from tactile_dynamics_ros.sim.sensors.depth_camera import DepthCamera, DepthCameraConfig
 
-Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
 LENS = DepthCameraConfig(

@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.following.script import PLACE, Moment, write_script
 from benchmarks.following.stage import GRIPPER, LENS, Stage
 from benchmarks.shape.camera import TableCamera, first_pose
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3, pose_of
 from tactile_dynamics_ros.core.shape.object_shape import MeshSurface, ObjectShape
@@ -23,9 +23,8 @@ from tactile_dynamics_ros.core.tracking.links.link_tracker import Link
 from tactile_dynamics_ros.core.tracking.links.table_tracker import TableTracker
 from tactile_dynamics_ros.core.tracking.robot_volume import TreeVolume
 from tactile_dynamics_ros.core.tracking.watch import Sighting, VisionTrackerConfig
-from tactile_dynamics_ros.sim.planar_objects import PlanarObject, PlanarPart, planar_object
+from tactile_dynamics_ros.sim.objects import PlanarObject, PlanarPart, planar_object
 
-Array = NDArray[np.float64]
 Follower = Callable[[Array, PinholeCamera, float, Array], dict[str, Sighting]]
 
 LOOKS = 3

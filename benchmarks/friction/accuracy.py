@@ -8,12 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.friction.subjects import REFERENCES, SUBJECTS
 from benchmarks.friction.trials import Case, holds_truth, run_cases
-
-Array = NDArray[np.float64]
+from tactile_dynamics_ros.core.array import Array
 
 FIRST_HAND = 1020
 """The constants below were chosen on hands before it."""

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.friction.slip_detection import SlipFusion, SlipObservation
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 RAMPS = ("load", "unload", "drag", "slide")

@@ -11,14 +11,12 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.friction.estimate import SlipEvent
 from tactile_dynamics_ros.core.friction.slip_log import Attempt, SlipLog
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
-
-Array = NDArray[np.float64]
 
 EFFECTS = (
     "adhesion",

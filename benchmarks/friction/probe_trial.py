@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.support.hand_contacts import hand_contacts
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contact.contact_state import ContactState
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.friction.estimate import FrictionEstimate, SlipEvent
@@ -29,7 +29,7 @@ from tactile_dynamics_ros.core.manipulation.grasp_planner import GraspSite
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.core.shape.friction_regions import ObjectSurface
-from tactile_dynamics_ros.core.tactile.estimators import create_force_estimator
+from tactile_dynamics_ros.core.tactile.analytic_force import create_force_estimator
 from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
 from tactile_dynamics_ros.core.tactile.slip import SlipDetector
 from tactile_dynamics_ros.core.tracking.pose_fusion import average_poses
@@ -38,7 +38,6 @@ from tactile_dynamics_ros.sim.skin_friction import SkinFriction, SurfaceFriction
 
 ROBOT = load_robot()
 
-Array = NDArray[np.float64]
 
 PERIOD = 0.01
 TARE_FRAMES = 30

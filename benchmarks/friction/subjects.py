@@ -7,13 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.manipulation.grasp_planner import GraspSite
 from tactile_dynamics_ros.core.shape.friction_regions import WHOLE, ObjectSurface
 from tactile_dynamics_ros.sim.skin_friction import SurfaceFriction
-
-Array = NDArray[np.float64]
 
 FOLDER = Path(__file__).resolve().parents[2] / "config" / "objects"
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import sys
 import zlib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ import numpy as np
 from benchmarks.biotac_press_rig import calibrate_units
 from benchmarks.friction.probe_trial import ProbeResult, ProbeTrial, run_probe_trial
 from benchmarks.friction.subjects import Subject, draw_friction
+from benchmarks.kept import continued
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.friction.estimate import FrictionEstimateConfig
 from tactile_dynamics_ros.core.friction.probe_config import FrictionProbeConfig
@@ -141,22 +142,17 @@ def run_cases(
 ) -> list[dict[str, Any]]:
     """Run cases that the cache lacks and return the rows of all, in order."""
     cases = list(cases)
-    known = {row["key"]: row for row in _read(cache)}
-    todo = [case for case in cases if case.key not in known]
-    cache.parent.mkdir(parents=True, exist_ok=True)
-    for hand in {case.hand for case in todo}:
-        calibrate_units(hand)  # once, before the processes are forked, which then know it
-    with ProcessPoolExecutor(processes) as pool, cache.open("a") as file:
-        for case, row in zip(todo, pool.map(work, todo), strict=True):
-            known[case.key] = row | {"key": case.key}
-            file.write(json.dumps(known[case.key]) + "\n")
-            file.flush()
-            print(_line(known[case.key]), file=sys.stderr, flush=True)
-    return [known[case.key] for case in cases]
 
+    def answer(missing: list[int]) -> Iterator[dict[str, Any]]:
+        todo = [cases[k] for k in missing]
+        for hand in {case.hand for case in todo}:
+            calibrate_units(hand)  # once, before the processes are forked, which then know it
+        with ProcessPoolExecutor(processes) as pool:
+            for case, row in zip(todo, pool.map(work, todo), strict=True):
+                yield (found := row | {"key": case.key})
+                print(_line(found), file=sys.stderr, flush=True)
 
-def _read(cache: Path) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in cache.read_text().splitlines()] if cache.is_file() else []
+    return continued(cache, [case.key for case in cases], itemgetter("key"), answer)
 
 
 def _line(row: dict[str, Any]) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import sys
 import tempfile
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -107,7 +106,3 @@ def _parse() -> argparse.Namespace:
     parser.add_argument("--workers", type=int, help="processes at once (default: all CPUs)")
     parser.add_argument("--json", action="store_true", help="print only JSON on stdout")
     return parser.parse_args()
-
-
-if __name__ == "__main__":
-    sys.exit(main())

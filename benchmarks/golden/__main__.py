@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -39,7 +38,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
             FOLDER.mkdir(exist_ok=True)
             path.write_text(json.dumps(found, indent=1, sort_keys=True) + "\n")
     return int(differing > 0 and not options.write)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

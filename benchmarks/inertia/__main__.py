@@ -88,7 +88,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
         print(render(results))
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

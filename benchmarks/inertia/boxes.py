@@ -10,7 +10,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.inertia.in_hand import record_in_hand
 from benchmarks.inertia.published import (
@@ -23,6 +22,7 @@ from benchmarks.inertia.published import (
 from benchmarks.inertia.scores import Score, deviations
 from benchmarks.peers.paper_a import METHODS, TimeSteps, estimate_as_published
 from benchmarks.support.live_replay import replay_streams
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import PARAMETER_NAMES
 from tactile_dynamics_ros.core.inertia.estimate import estimate as estimate_body
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
@@ -33,8 +33,6 @@ from tactile_dynamics_ros.sim.simulated_robot import Readings
 from tactile_dynamics_ros.synthetic import randomness
 from tactile_dynamics_ros.synthetic.objects import HeldObject
 from tactile_dynamics_ros.synthetic.scenario import GRAVITY, Scenario, ScenarioOptions
-
-Array = NDArray[np.float64]
 
 BOXES = ("box_0", "box_1", "box_2", "box_3", "box_4")
 MEASURES = ("trace_error", "distance", "mass_percent", "com_mm", "inertia")

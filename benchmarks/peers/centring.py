@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.control.plan import Push, PushPlanner
 from tactile_dynamics_ros.core.planar.control.prediction import PushedBody
 from tactile_dynamics_ros.core.planar.mechanics.linkage import placed, turned
-
-Array = NDArray[np.float64]
 
 _BEHIND = 0.03
 """m: a tip that lies so far beside the line from centre to goal moves sideways as fast as ahead.

@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.filter.dual import DualFilter
 from tactile_dynamics_ros.core.planar.filter.observation import Observation
-
-Array = NDArray[np.float64]
 
 
 class RawLikelihood:

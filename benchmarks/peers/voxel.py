@@ -15,13 +15,12 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.shape.skin_surface import skin_normal
 from tactile_dynamics_ros.core.tactile.analytic_force import electrode_centroid
 from tactile_dynamics_ros.core.tactile.calibration import LabelledPresses
 from tactile_dynamics_ros.core.tactile.electrodes import ELECTRODE_POSITION
-
-Array = NDArray[np.float64]
 
 GRID = (16, 16, 8)
 LOWER = np.array([-15e-3, -7.2e-3, -7.2e-3])

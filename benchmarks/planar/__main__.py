@@ -386,6 +386,3 @@ SECTIONS: dict[str, tuple[Callable[..., Any], Callable[..., str]]] = {
     "ablations": (ablated, partial(table, "ablations of the filter on `patch`")),
 }
 """Parts of their own: what measures and what tells them."""
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.planar.pixels import LASTING, NO_LASTING, Camera
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.filter.belief import Belief
 from tactile_dynamics_ros.core.planar.filter.dual import DualFilter
 from tactile_dynamics_ros.core.planar.filter.observation import Observation
 from tactile_dynamics_ros.synthetic.pushed.sensed import SensedStep
-
-Array = NDArray[np.float64]
 
 _HALVINGS = 12
 """Of the way from a hypothesis back to the mean, to find where it becomes possible: to 1/4000."""

@@ -6,16 +6,15 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.planar.scores import mean_interval
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.mechanics.simulation import GRAVITY
 from tactile_dynamics_ros.core.planar.network.mechanics import expected_steps
 from tactile_dynamics_ros.core.planar.network.process import step_on
 from tactile_dynamics_ros.core.planar.network.transitions import Transitions
 from tactile_dynamics_ros.core.planar.network.weights import GraphWeights
 
-Array = NDArray[np.float64]
 Model = Callable[[Transitions], tuple[Array, Array]]
 NAMES = ("place_mm", "yaw_deg", "force", "far")
 """What is told of each object."""

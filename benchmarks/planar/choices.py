@@ -9,13 +9,12 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from tactile_dynamics_ros.cli import train_pushing_rounds as training
 from tactile_dynamics_ros.cli.train_pushing import SETTINGS
+from tactile_dynamics_ros.core.array import Array
 
-Array = NDArray[np.float64]
 Curves = dict[str, list[dict[str, float]]]
 """By choice: `pushes` and `error` after each round."""
 

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from benchmarks.planar.trial import Population, truth_of
-from tactile_dynamics_ros.sim.planar_objects import planar_object
+from tactile_dynamics_ros.sim.objects import planar_object
 from tactile_dynamics_ros.synthetic.pushed.objects import PushedObject, ballasted
 
 NUMBERS = range(157, 165)

@@ -11,9 +11,9 @@ from itertools import pairwise
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.network.graph import EDGE, MOTION, NODE, Graph
 from tactile_dynamics_ros.core.planar.network.training import (
     GraphTrainingConfig,
@@ -22,8 +22,6 @@ from tactile_dynamics_ros.core.planar.network.training import (
 )
 from tactile_dynamics_ros.core.planar.network.transitions import Examples
 from tactile_dynamics_ros.core.planar.network.weights import GraphWeights, net_sizes, perceptron
-
-Array = NDArray[np.float64]
 
 _NET = "whole"
 """Name of the only perceptron, under which its layers are kept."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
 from benchmarks.planar.trial import INSIDE, SETTINGS, Population, described, follow
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.filter.dual import DualConfig, DualFilter
 from tactile_dynamics_ros.core.planar.filter.observation import Observation, SeenPose
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
@@ -32,8 +33,6 @@ from tactile_dynamics_ros.synthetic.pushed.sensed import (
     sensed_steps,
 )
 from tactile_dynamics_ros.synthetic.pushed.transitions import states_at
-
-Array = NDArray[np.float64]
 
 PERIOD = SETTINGS["slow"][0]
 ACTIONS = pushed.ActionOptions(

@@ -9,16 +9,14 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.planar import ahead
 from benchmarks.planar.choices import interval
 from tactile_dynamics_ros.cli import train_pushing_rounds as training
 from tactile_dynamics_ros.cli.train_pushing import SETTINGS, simulate_steps
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
 from tactile_dynamics_ros.core.planar.network.transitions import Transitions
-
-Array = NDArray[np.float64]
 
 _FIRST = 10_000
 """First seed of the objects to train on, as in `train pushing`: test objects have those below."""

@@ -31,6 +31,7 @@ from benchmarks.planar.trial import (
     simulated,
     truth_of,
 )
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.filter.dual import DualConfig
 from tactile_dynamics_ros.report.style import (
     BLUE,
@@ -43,8 +44,6 @@ from tactile_dynamics_ros.report.style import (
 )
 from tactile_dynamics_ros.synthetic.pushed.sensed import SensedStep, sensed_steps
 from tactile_dynamics_ros.synthetic.pushed.transitions import true_parameters
-
-Array = NDArray[np.float64]
 
 CASES = tuple(
     (family, action)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.filter.dual import DualFilter
 from tactile_dynamics_ros.core.planar.filter.observation import (
     Observation,
@@ -17,8 +18,6 @@ from tactile_dynamics_ros.core.planar.filter.observation import (
 )
 from tactile_dynamics_ros.core.planar.mechanics.outline import convex_hull
 from tactile_dynamics_ros.synthetic.pushed.sensed import POSE_STD, SensedStep
-
-Array = NDArray[np.float64]
 
 _SIDE, _PIXEL = 64, 0.004
 """Pixels of a side of the crop, as paper B has it, and m of each: 26 cm hold the largest object."""

@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from tactile_dynamics_ros.core.array import Array
 
 _RESAMPLES = 2000
 """Of the bootstrap over objects."""

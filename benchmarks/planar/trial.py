@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.filter.dual import DualConfig, DualFilter
 from tactile_dynamics_ros.core.planar.filter.observation import Observation
 from tactile_dynamics_ros.core.planar.filter.process import Process, PusherMotion
@@ -24,8 +24,6 @@ from tactile_dynamics_ros.synthetic.pushed.sensed import (
 )
 from tactile_dynamics_ros.synthetic.pushed.sensors import SensorOptions
 from tactile_dynamics_ros.synthetic.pushed.transitions import true_parameters
-
-Array = NDArray[np.float64]
 
 SLOW = pushed.ActionOptions(
     count=4, speed=(0.024, 0.025), duration=5.0, travel=0.125, pauses=0, hard_stop=False, tilt_deg=5

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -60,7 +59,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.json:
         print(json.dumps(found))
     return int(any("skipped" in section for section in found.values()))
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -6,15 +6,13 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.streams import PushedStreams
 from tactile_dynamics_ros.synthetic.pushed.effects import Faults
 from tactile_dynamics_ros.synthetic.pushed.scene import Scene
 from tactile_dynamics_ros.synthetic.pushed.sensors import SensorOptions, read_sensors
 from tactile_dynamics_ros.synthetic.pushed.simulator import simulate
-
-Array = NDArray[np.float64]
 
 _STEP = 1e-3
 """Change of a parameter for the difference quotient, over its size: stick and slip go on as they

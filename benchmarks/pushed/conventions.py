@@ -8,13 +8,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.misreading import misread
 from tactile_dynamics_ros.core.planar.streams import PushedStreams
 from tactile_dynamics_ros.synthetic import pushed
 
-Array = NDArray[np.float64]
 Mistake = Callable[[PushedStreams], PushedStreams]
 
 _FLIP_Y, _FLIP_YZ = np.array([1.0, -1.0, 1.0]), np.array([1.0, -1.0, -1.0])

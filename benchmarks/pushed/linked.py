@@ -12,8 +12,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.planar.linked.description import LinkedEstimate
 from tactile_dynamics_ros.core.planar.properties.estimate import estimate
@@ -25,8 +25,6 @@ from tactile_dynamics_ros.synthetic.pushed.recordings import draw_scene
 from tactile_dynamics_ros.synthetic.pushed.scene import Scene
 from tactile_dynamics_ros.synthetic.pushed.sensors import read_sensors
 from tactile_dynamics_ros.synthetic.pushed.simulator import Motion, simulate
-
-Array = NDArray[np.float64]
 
 KINDS = ("rigid_pair", "jointed")
 SPEED = (0.1, 0.3)

@@ -13,17 +13,15 @@ from typing import Any
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PolygonStamped, PoseWithCovarianceStamped
-from numpy.typing import NDArray
 from rclpy.node import Node
 
 from tactile_dynamics_ros.cli.domain import private_domain
 from tactile_dynamics_ros.cli.supervisor import Supervisor, node_command, verb_command
 from tactile_dynamics_ros.cli.topics import call_trigger, short_lived_node, spin_until
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.ros.diagnostics import status_values
 from tactile_dynamics_ros.ros.names import PROPERTY_STATUS, REVEAL, link_topic
 from tactile_dynamics_ros.ros.shell import LATCHED, STREAM
-
-Array = NDArray[np.float64]
 
 FIRST, TABLES = 121, {"even": 0.0, "uneven": 0.1}
 """First object of one part that no training has seen; variation of friction over each table."""

@@ -11,15 +11,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.pushed.live import PATIENCE, Heard
 from tactile_dynamics_ros.cli.domain import private_domain
 from tactile_dynamics_ros.cli.supervisor import Supervisor, node_command, verb_command
 from tactile_dynamics_ros.cli.topics import call_trigger, short_lived_node, spin_until
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.ros.names import DIAGNOSE, REVEAL
-
-Array = NDArray[np.float64]
 
 SPEEDS = (0.05, 0.1, 0.05, 0.1, 0.15, 0.03, 0.15, 0.08)
 """Of the pushes, m/s: each way along x and y twice, slow and fast."""

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.support.residual_map import residual_map
 from tactile_dynamics_ros.core.planar.mechanics.simulation import GRAVITY
@@ -20,8 +19,6 @@ from tactile_dynamics_ros.core.planar.sparse.pushes import cut_pushes
 from tactile_dynamics_ros.recording.importers.goal_pushes_zhou2017 import GoalPushesZhou2017Importer
 from tactile_dynamics_ros.recording.importers.pushes_mit import PushesMitImporter
 from tactile_dynamics_ros.recording.importers.pushes_zhou2016 import PushesZhou2016Importer
-
-Array = NDArray[np.float64]
 
 DATA = Path(__file__).resolve().parents[3] / "shared/data"
 """Measurements of others; beside the repository, not in it."""

@@ -9,17 +9,15 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.pushed.bound import bound
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate, estimate
 from tactile_dynamics_ros.core.planar.streams import PushedStreams
 from tactile_dynamics_ros.synthetic import pushed
 from tactile_dynamics_ros.synthetic.pushed.actions import ActionOptions
 from tactile_dynamics_ros.synthetic.pushed.sensors import SensorOptions
-
-Array = NDArray[np.float64]
 
 CONDITIONS = {
     "six": pushed.PushOptions(actions=ActionOptions(count=6, speed=(0.03, 0.2))),

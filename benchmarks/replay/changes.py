@@ -6,12 +6,9 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from benchmarks.replay.tape import Message
+from tactile_dynamics_ros.core.array import Array
 
-Array = NDArray[np.float64]
 Change = Callable[[list[Message]], Iterable[Message]]
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -140,7 +139,3 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         print("\n".join(NAMES))
         parser.exit()
     return options
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.replay.changes import (
     Change,
@@ -25,8 +24,7 @@ from benchmarks.replay.changes import (
 )
 from benchmarks.replay.stream_faults import FINGER, RIVAL, StreamFault
 from benchmarks.replay.tape import NANOSECONDS, Message
-
-Array = NDArray[np.float64]
+from tactile_dynamics_ros.core.array import Array
 
 TENTH_NS = NANOSECONDS // 10
 OTHER = "thumb"

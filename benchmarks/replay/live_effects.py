@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -300,7 +299,3 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         options.only = options.only or ["viscous_drag", "tether_spring"]
         options.seeds, options.duration, options.settle = [1], 10.0, 5.0
     return options
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 from tactile_dynamics_ros.core.streams.streams import ContactStream, PoseStream, Streams
 
-Array = NDArray[np.float64]
 Motion = tuple[float, NDArray[np.float64], NDArray[np.float64]]
 
 MASS = 0.25

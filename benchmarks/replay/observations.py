@@ -9,12 +9,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.ros.diagnostics import Statuses, status_values, to_number
 from tactile_dynamics_ros.ros.statuses import read_inertia_status
-
-Array = NDArray[np.float64]
 
 WRONG = 4.0
 """Standard deviations beyond which an estimate is wrong: by chance once in 16 000 values."""

@@ -279,7 +279,3 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--logs", type=Path, help="folder for the logs of the nodes")
     parser.add_argument("--json", action="store_true", help="print only JSON on stdout")
     return parser.parse_args(arguments)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -13,13 +13,11 @@ from geometry_msgs.msg import (
     Vector3Stamped,
     WrenchStamped,
 )
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion
 from tactile_dynamics_ros.core.streams.streams import ContactStream, PoseStream, Streams
 from tactile_dynamics_ros.ros.wire import COUNTS, Stamp, encode_stamped
-
-Array = NDArray[np.float64]
 
 NANOSECONDS = 10**9
 OBJECT_POSE = "/object/pose"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -126,7 +125,3 @@ def compare_strategies(numbers: Sequence[int]) -> dict[str, object]:
             near = [k + 1 for k, value in enumerate(path) if value <= NEAR * best + 1e-4]
             looks[name].append(near[0] if near else len(path) + 1)
     return {name: {"median": float(np.median(v)), "all": v} for name, v in looks.items()}
-
-
-if __name__ == "__main__":
-    sys.exit(main())

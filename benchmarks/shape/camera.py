@@ -8,11 +8,9 @@ from typing import Any
 
 import numpy as np
 import pybullet
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.shape.superquadric.views import looking_at
-
-Array = NDArray[np.float64]
 
 WIDTH, HEIGHT, VIEW_DEG = 320, 240, 50.0
 NEAR, FAR = 0.05, 3.0

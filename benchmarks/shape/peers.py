@@ -8,17 +8,15 @@ from unittest import mock
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial import cKDTree
 
 from benchmarks.shape.trial import COMPARED
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.shape.superquadric import ascent
 from tactile_dynamics_ros.core.shape.superquadric.gauge import Parameters, areas
 from tactile_dynamics_ros.core.shape.superquadric.recovery import recover
 from tactile_dynamics_ros.core.shape.superquadric.superquadric import EXPONENT_RANGE, Superquadric
-
-Array = NDArray[np.float64]
 
 
 def compare_peers(points: Array, truth: Array) -> dict[str, float]:

@@ -8,13 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 from tactile_dynamics_ros.core.shape.superquadric.scene import Scene, read_scene
 from tactile_dynamics_ros.recording.clouds import read_clouds
-
-Array = NDArray[np.float64]
 
 CLOUDS = Path(__file__).resolve().parents[3] / "shared/data/clouds_tabletop"
 """Clouds of the iCub's stereo cameras and of a spray can; beside the repository, not in it."""

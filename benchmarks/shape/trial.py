@@ -9,11 +9,11 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from benchmarks.shape.camera import TableCamera, first_pose
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.shape.superquadric.scene import Scene, read_scene
 from tactile_dynamics_ros.core.shape.superquadric.views import (
@@ -21,9 +21,8 @@ from tactile_dynamics_ros.core.shape.superquadric.views import (
     ViewConfig,
     candidate_poses,
 )
-from tactile_dynamics_ros.sim.planar_objects import PlanarObject, planar_object
+from tactile_dynamics_ros.sim.objects import PlanarObject, planar_object
 
-Array = NDArray[np.float64]
 Peers: TypeAlias = Callable[[Array, Array], dict[str, float]]
 
 SAMPLES = 60_000

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.live.estimator import IncrementalInertialEstimator
 from tactile_dynamics_ros.core.inertia.live.live_estimate import LiveEstimate
@@ -17,8 +17,6 @@ from tactile_dynamics_ros.core.streams.streams import (
     Streams,
     places_at,
 )
-
-Array = NDArray[np.float64]
 
 
 def replay_streams(

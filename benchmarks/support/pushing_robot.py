@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.actions.straight import StraightAction, StraightConfig, Travel
 from tactile_dynamics_ros.core.planar.actions.straight import straight_action as plan
 from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, PushedStreams
@@ -19,8 +19,6 @@ from tactile_dynamics_ros.sim.planar.simulated_table import (
     TableReadings,
 )
 from tactile_dynamics_ros.sim.planar.table import Outline, outlines
-
-Array = NDArray[np.float64]
 
 COM_HEIGHT_STD = 0.003
 """Standard deviation stated for the height of a centre of mass, m: cameras see the height of a part

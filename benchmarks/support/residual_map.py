@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.sparse.fit import SparseFit
 from tactile_dynamics_ros.core.planar.sparse.prediction import RESIDUALS
 from tactile_dynamics_ros.core.planar.sparse.pushes import Pushes
-
-Array = NDArray[np.float64]
 
 _SECTORS = 4
 """Sectors of the direction of pushes on the support; grain of wood shows in two opposite ones."""

@@ -263,7 +263,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
         text = section(table(rows), body_table(inside), command)
         options.write.write_text(replace_section(page, text))
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

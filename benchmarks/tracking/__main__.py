@@ -174,7 +174,3 @@ def _recover(options: argparse.Namespace) -> list[dict[str, Any]]:
 
 def _shape(name: str):
     return load_shape(object_file(name))
-
-
-if __name__ == "__main__":
-    sys.exit(main())

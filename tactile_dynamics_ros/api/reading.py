@@ -1,11 +1,11 @@
-"""Recordings and effects by name, as the command and Python read them."""
+"""Recordings and effects by name, as the command and Python read them; `read` of Python."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal, TypeAlias, overload
 
 from tactile_dynamics_ros.core.errors import BadInputError
 
@@ -14,6 +14,117 @@ if TYPE_CHECKING:
     from tactile_dynamics_ros.recording import Recording
     from tactile_dynamics_ros.recording.joints import JointRecording
     from tactile_dynamics_ros.recording.pushed import PushedRecording
+
+    AnyRecording: TypeAlias = Recording | PushedRecording | JointRecording
+
+
+@overload
+def read(
+    *paths: str | Path,
+    remap: Mapping[str, str | Sequence[str]] | None = None,
+    namespace: str | None = None,
+    world_frame: str | None = None,
+    any_unit: bool = False,
+    stamps: str | None = None,
+    urdf: str | Path | None = None,
+    model: Literal["held"],
+) -> Recording: ...
+
+
+@overload
+def read(
+    *paths: str | Path,
+    remap: Mapping[str, str | Sequence[str]] | None = None,
+    namespace: str | None = None,
+    world_frame: str | None = None,
+    any_unit: bool = False,
+    stamps: str | None = None,
+    urdf: str | Path | None = None,
+    model: Literal["pushed"],
+) -> PushedRecording: ...
+
+
+@overload
+def read(
+    *paths: str | Path, urdf: str | Path | None = None, model: Literal["joints"]
+) -> JointRecording: ...
+
+
+@overload
+def read(
+    *paths: str | Path,
+    remap: Mapping[str, str | Sequence[str]] | None = None,
+    namespace: str | None = None,
+    world_frame: str | None = None,
+    any_unit: bool = False,
+    stamps: str | None = None,
+    urdf: str | Path | None = None,
+    model: str = "auto",
+) -> AnyRecording: ...
+
+
+def read(
+    *paths: str | Path,
+    remap: Mapping[str, str | Sequence[str]] | None = None,
+    namespace: str | None = None,
+    world_frame: str | None = None,
+    any_unit: bool = False,
+    stamps: str | None = None,
+    urdf: str | Path | None = None,
+    model: str = "auto",
+) -> AnyRecording:
+    """Read a recording, or several of one object as one.
+
+    Args:
+        paths: rosbag2 directories, .mcap, .db3 or ROS 1 .bag files.
+        remap: recorded topic names and the name, or names, that they stand for.
+        namespace: of the hand whose topics are read.
+        world_frame: frame of the poses, z up, if it is neither `world` nor a robot's base.
+        any_unit: whether accelerations that look like units of g are taken as they are; `diagnose`
+            and `explain` then tell the unit.
+        stamps: of a held object, "receive" for the times at which messages were received.
+        urdf: of the arm whose joint angles, or torques, were recorded.
+        model: "held", "pushed" for an object on a support, "joints" for an arm by its torques, or
+            "auto", which decides by the topics.
+
+    Returns:
+        A `Recording` of a held object, a `PushedRecording`, or a `JointRecording`.
+
+    Raises:
+        BadInputError: one cannot be read, no contact pushes, several are not of one object, or a
+            tip presses into the outline only if read another way.
+    """
+    from tactile_dynamics_ros.recording import Recording
+    from tactile_dynamics_ros.recording.kinds import recorded_kind
+    from tactile_dynamics_ros.recording.pushed import PushedRecording
+
+    if not paths:
+        raise BadInputError("read: expected the path of a recording")
+    if model not in ("auto", "held", "pushed", "joints"):
+        raise BadInputError(f"read: model {model!r}; expected auto, held, pushed or joints")
+    kind = recorded_kind(paths[0], remap) if model == "auto" else model
+    if kind == "joints":
+        return read_joints(paths, urdf)
+    if kind == "pushed":
+        pushed = [
+            read_pushed_recording(path, remap=remap, namespace=namespace, world_frame=world_frame)
+            for path in paths
+        ]
+        return PushedRecording.join([recording for recording, _ in pushed])
+    return Recording.join(
+        [
+            read_recording(
+                path,
+                remap=remap,
+                namespace=namespace,
+                world_frame=world_frame,
+                any_unit=any_unit,
+                stamps=stamps,
+                urdf=None if urdf is None else str(urdf),
+            )
+            for path in paths
+        ]
+    )
 
 
 def read_recording(

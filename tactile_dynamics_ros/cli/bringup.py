@@ -242,7 +242,7 @@ def require_table_object(number: int) -> None:
     Raises:
         BadInputError: there is no such object.
     """
-    from tactile_dynamics_ros.sim.planar_objects import planar_object
+    from tactile_dynamics_ros.sim.objects import planar_object
 
     if number:
         planar_object(number)

@@ -62,7 +62,7 @@ def run(args: Namespace) -> int:
 
 
 def _print_drift(args: Namespace) -> int:
-    from tactile_dynamics_ros.core.tactile.thermal_drift import fit_thermal_drift
+    from tactile_dynamics_ros.core.tactile.calibration import fit_thermal_drift
     from tactile_dynamics_ros.recording.probe_slips import read_fingertip_frames
 
     frames = read_fingertip_frames(Path(args.bag), args.namespace)
@@ -96,7 +96,7 @@ def _print_drift(args: Namespace) -> int:
 
 
 def _print_gain(args: Namespace) -> int:
-    from tactile_dynamics_ros.core.tactile.unit_gain import fit_unit_gain
+    from tactile_dynamics_ros.core.tactile.analytic_force import fit_unit_gain
     from tactile_dynamics_ros.recording.bag_files import read_tables
     from tactile_dynamics_ros.recording.namespaces import absolute_namespace
 

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from numpy.typing import NDArray
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rich.console import Console
@@ -25,6 +24,7 @@ from std_srvs.srv import Trigger
 
 from tactile_dynamics_ros.cli.bringup import nodes_of
 from tactile_dynamics_ros.cli.topics import call_trigger
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.report.estimates import PARAMETERS, SHOWN_PARAMETERS, EstimateHistory
 from tactile_dynamics_ros.ros import names
@@ -174,8 +174,6 @@ class Log:
             row = {key: to_number(text) for key, text in link.items() if key != "undetermined"}
             self.history.append({"time": stamp.sec + 1e-9 * stamp.nanosec, **row})
 
-
-Array = NDArray[np.float64]
 
 LINE_EVERY = 3.0
 STILL_PHASES = ("starting", "idle")

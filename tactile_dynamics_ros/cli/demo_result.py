@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 from matplotlib.image import imread
-from numpy.typing import NDArray
 
 from tactile_dynamics_ros.api.result import align_rows
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.discrepancy.verdict.wording import join_names
 from tactile_dynamics_ros.core.effects import create_effects
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
@@ -166,8 +166,6 @@ def _value(entry: Mapping[str, Any]) -> str:
 
 PORTRAIT = "tactile_dynamics_ros.sim.portrait"
 FEWEST_ESTIMATES = 10
-
-Array = NDArray[np.float64]
 
 
 def summarise_demo(

@@ -13,8 +13,7 @@ from tactile_dynamics_ros.core.errors import BadInputError, nearest
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from tactile_dynamics_ros.core.effects.catalogue import CatalogueEntry
-    from tactile_dynamics_ros.core.effects.registry import EffectRegistry
+    from tactile_dynamics_ros.core.effects.registry import CatalogueEntry, EffectRegistry
 
 _WIDTH = 96
 """Characters of a line of text, as in the documentation: it fits a terminal of 100."""
@@ -68,8 +67,7 @@ def run(args: Namespace) -> int:
 
 def _entries(model: str, name: str | None) -> list[CatalogueEntry]:
     """Return the effects of a model, or the one of that name if it has it."""
-    from tactile_dynamics_ros.core.effects.catalogue import describe_effect
-    from tactile_dynamics_ros.core.effects.registry import HELD
+    from tactile_dynamics_ros.core.effects.registry import HELD, describe_effect
     from tactile_dynamics_ros.core.friction.effects import FRICTION, describe_friction_effect
     from tactile_dynamics_ros.core.joints.effects import JOINTS, describe_joint_effect
     from tactile_dynamics_ros.core.planar.effects.registry import PUSHED, describe_pushed_effect
@@ -96,7 +94,7 @@ def _unknown(name: str, models: list[str]) -> str:
 
 def _describe(entry: CatalogueEntry, at_length: bool) -> str:
     """Return an entry for people."""
-    from tactile_dynamics_ros.core.effects.catalogue import group_parameters
+    from tactile_dynamics_ros.core.effects.registry import group_parameters
 
     rows = group_parameters(entry.parameters)
     parameters = "; ".join(f"{symbols} [{unit or 1}] {text}" for symbols, unit, text in rows)

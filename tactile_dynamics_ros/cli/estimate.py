@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tactile_dynamics_ros.cli.recordings import (
     add_recording_arguments,
@@ -20,6 +19,7 @@ from tactile_dynamics_ros.cli.recordings import (
     read_pushed,
     read_recording,
 )
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.options import FINITE, POSITIVE, file_to_write, folder_to_write
 from tactile_dynamics_ros.core.rigid_body.rotation import pose_of
@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from tactile_dynamics_ros.api.joint_estimates import EstimateOfJoints
     from tactile_dynamics_ros.api.pushed_estimates import EstimateOfPushes
     from tactile_dynamics_ros.recording import Recording
-
-Array = NDArray[np.float64]
 
 
 def add_parser(verbs: _SubParsersAction[Any]) -> None:

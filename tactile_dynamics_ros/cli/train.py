@@ -97,7 +97,7 @@ def run(args: Namespace) -> int:
 
     from tactile_dynamics_ros.core.tactile.network.training import TrainingConfig, train_network
     from tactile_dynamics_ros.core.tactile.network.weights import SHIPPED_NETWORK
-    from tactile_dynamics_ros.sim.sensors.biotac.calibrate import (
+    from tactile_dynamics_ros.sim.sensors.biotac.presses import (
         HELD_OUT_SEED,
         join_presses,
         label_batches,

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tactile_dynamics_ros.cli.train_pushing import made_in_parts
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.files import new_file
 from tactile_dynamics_ros.core.planar.network.noise import NoiseWeights, shipped_noise_file
 from tactile_dynamics_ros.core.planar.network.noise_features import (
@@ -31,7 +31,6 @@ from tactile_dynamics_ros.synthetic.pushed.transitions import states_at
 if TYPE_CHECKING:
     from tactile_dynamics_ros.sim.planar.looking import Told
 
-Array = NDArray[np.float64]
 
 _FIRST = 30_000
 """First seed of objects to train on: benchmarks have those below, other networks other ones."""

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tactile_dynamics_ros.cli.train_pushing import SETTINGS, Setting, simulate_steps
 from tactile_dynamics_ros.core.errors import BadInputError
@@ -41,7 +40,6 @@ if TYPE_CHECKING:
 
     Trainer = Callable[[GraphWeights, Examples, GraphTrainingConfig], GraphWeights]
 
-Array = NDArray[np.float64]
 
 CHOICES = ("active", "uniform", "random", "gain")
 """How pushes of an object are chosen: where the network states the widest spread, at angles that

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion
 from tactile_dynamics_ros.core.shape.object_shape import (
@@ -17,8 +17,6 @@ from tactile_dynamics_ros.core.shape.object_shape import (
     SphereSurface,
     Surface,
 )
-
-Array = NDArray[np.float64]
 
 BOX, SPHERE, CYLINDER = 1, 2, 3
 """Types of shape_msgs/SolidPrimitive."""

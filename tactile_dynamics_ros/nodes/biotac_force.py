@@ -14,7 +14,7 @@ from sensor_msgs.msg import Image
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.robot.robot import Robot
-from tactile_dynamics_ros.core.tactile.estimators import create_force_estimator
+from tactile_dynamics_ros.core.tactile.analytic_force import create_force_estimator
 from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig, TactileEstimate
 from tactile_dynamics_ros.core.tactile.signal_change import COUNTS_PER_KELVIN
 from tactile_dynamics_ros.core.tactile.slip import SlipConfig, SlipDetector, SlipEstimate
@@ -25,8 +25,8 @@ from tactile_dynamics_ros.ros.conversions import (
     wrench_to_message,
 )
 from tactile_dynamics_ros.ros.inputs import Need
-from tactile_dynamics_ros.ros.kept_tare import KeptTare
 from tactile_dynamics_ros.ros.names import BIOTAC_RAW, TARE, fingertip_topic
+from tactile_dynamics_ros.ros.object_memory import KeptTare
 from tactile_dynamics_ros.ros.parameters import declare_config
 from tactile_dynamics_ros.ros.robot import declare_robot
 from tactile_dynamics_ros.ros.shell import Shell, run_node

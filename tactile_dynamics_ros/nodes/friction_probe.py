@@ -23,13 +23,11 @@ from tactile_dynamics_ros.core.friction.probe_config import (
 )
 from tactile_dynamics_ros.core.friction.slip_detection import ElectrodeMotion
 from tactile_dynamics_ros.core.reading import read_yaml
-from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
-from tactile_dynamics_ros.core.robot.joint_uncertainty import Standstill
+from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics, Standstill
 from tactile_dynamics_ros.core.shape.friction_regions import ObjectSurface
 from tactile_dynamics_ros.core.streams.streams import ContactSample
 from tactile_dynamics_ros.core.tracking.pose_fusion import average_poses
 from tactile_dynamics_ros.ros.actions import Action
-from tactile_dynamics_ros.ros.contact_assembly import ContactAssembly
 from tactile_dynamics_ros.ros.conversions import (
     JointReader,
     StampGate,
@@ -42,6 +40,7 @@ from tactile_dynamics_ros.ros.conversions import (
 from tactile_dynamics_ros.ros.diagnostics import status_message, status_values
 from tactile_dynamics_ros.ros.emergency import EmergencyStop
 from tactile_dynamics_ros.ros.friction_messages import (
+    ContactAssembly,
     estimate_document,
     estimate_status,
     result_fields,

@@ -11,7 +11,7 @@ from geometry_msgs.msg import InertiaStamped
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.core.friction.cone import cone_share, distance_beyond
+from tactile_dynamics_ros.core.friction.probe_config import cone_share, distance_beyond
 from tactile_dynamics_ros.core.inertia.live import (
     IncrementalConfig,
     IncrementalInertialEstimator,
@@ -20,10 +20,8 @@ from tactile_dynamics_ros.core.inertia.live import (
 from tactile_dynamics_ros.core.inertia.live.live_estimate import Verdict, judge_estimate
 from tactile_dynamics_ros.core.inertia.live.refit import RefitConfig
 from tactile_dynamics_ros.core.streams.streams import ContactSample
-from tactile_dynamics_ros.ros.carried_tool import CarriedTool
 from tactile_dynamics_ros.ros.conversions import header, inertia_to_message
 from tactile_dynamics_ros.ros.diagnostics import status_message
-from tactile_dynamics_ros.ros.estimate_markers import EstimateMarkers
 from tactile_dynamics_ros.ros.friction_messages import friction_range
 from tactile_dynamics_ros.ros.held_streams import HeldStreams
 from tactile_dynamics_ros.ros.names import (
@@ -38,7 +36,9 @@ from tactile_dynamics_ros.ros.names import (
 from tactile_dynamics_ros.ros.object_memory import ObjectMemory
 from tactile_dynamics_ros.ros.object_state import REPEAT, SILENT, ObjectState
 from tactile_dynamics_ros.ros.parameters import declare_config
+from tactile_dynamics_ros.ros.payload_services import CarriedTool
 from tactile_dynamics_ros.ros.refitter import Refitter
+from tactile_dynamics_ros.ros.shape_messages import EstimateMarkers
 from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
 from tactile_dynamics_ros.ros.statuses import status_of, waiting_status
 from tactile_dynamics_ros.ros.typed_messages import estimate_message, typed_publisher

@@ -33,7 +33,6 @@ from tactile_dynamics_ros.ros.conversions import (
     uncertain_pose_to_message,
     wrench_to_core,
 )
-from tactile_dynamics_ros.ros.estimate_markers import ObjectFrame
 from tactile_dynamics_ros.ros.inputs import Need
 from tactile_dynamics_ros.ros.names import (
     HAND_POSE,
@@ -46,6 +45,7 @@ from tactile_dynamics_ros.ros.names import (
 )
 from tactile_dynamics_ros.ros.parameters import declare_config
 from tactile_dynamics_ros.ros.robot import JointHistory, declare_robot
+from tactile_dynamics_ros.ros.shape_messages import ObjectFrame
 from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
 from tactile_dynamics_ros.ros.wire import Joints, Stamped
 

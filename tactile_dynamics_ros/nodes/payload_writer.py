@@ -8,11 +8,11 @@ from std_srvs.srv import Trigger
 
 from tactile_dynamics_ros.core.configuration import parameter
 from tactile_dynamics_ros.core.errors import NotIdentifiableError, TactileDynamicsError
-from tactile_dynamics_ros.ros.carried_load import CarriedLoad
 from tactile_dynamics_ros.ros.handover import Handover, HandoverConfig
 from tactile_dynamics_ros.ros.listening import REQUESTS
 from tactile_dynamics_ros.ros.names import CONTACTS, PAYLOAD_APPLY
 from tactile_dynamics_ros.ros.parameters import declare_config
+from tactile_dynamics_ros.ros.payload_services import CarriedLoad
 from tactile_dynamics_ros.ros.shell import Shell, run_node
 
 

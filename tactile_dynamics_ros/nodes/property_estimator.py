@@ -18,13 +18,13 @@ from tactile_dynamics_ros.core.planar.network.models import pushing_model
 from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate, estimate
 from tactile_dynamics_ros.ros.background import Background
 from tactile_dynamics_ros.ros.conversions import header
-from tactile_dynamics_ros.ros.estimate_markers import EstimateMarkers
 from tactile_dynamics_ros.ros.names import PROPERTY_RESET, PROPERTY_STATUS
 from tactile_dynamics_ros.ros.object_state import REPEAT
 from tactile_dynamics_ros.ros.parameters import declare_config
 from tactile_dynamics_ros.ros.pushed_memory import PushMemory
 from tactile_dynamics_ros.ros.pusher_streams import PADS, PUSHER
 from tactile_dynamics_ros.ros.pushing_streams import PushingStreams
+from tactile_dynamics_ros.ros.shape_messages import EstimateMarkers
 from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
 from tactile_dynamics_ros.ros.statuses import property_status
 

@@ -24,6 +24,7 @@ from std_msgs.msg import Float64, String
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.ros.arm_scene import ArmScene
+from tactile_dynamics_ros.ros.camera_motion import DepthStreams
 from tactile_dynamics_ros.ros.conversions import (
     JointReader,
     MessageError,
@@ -36,7 +37,6 @@ from tactile_dynamics_ros.ros.conversions import (
     uncertain_pose_to_message,
     wrench_to_message,
 )
-from tactile_dynamics_ros.ros.depth_streams import DepthStreams
 from tactile_dynamics_ros.ros.names import (
     BEGIN,
     BIOTAC_RAW,

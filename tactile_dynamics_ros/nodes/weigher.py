@@ -41,7 +41,16 @@ from tactile_dynamics_ros.ros.background import Background
 from tactile_dynamics_ros.ros.conversions import header
 from tactile_dynamics_ros.ros.diagnostics import status_message
 from tactile_dynamics_ros.ros.emergency import EmergencyStop
-from tactile_dynamics_ros.ros.handover import Handover, HandoverConfig
+from tactile_dynamics_ros.ros.handover import (
+    Handover,
+    HandoverConfig,
+    Weighed,
+    advise,
+    ask,
+    keep,
+    new_folder,
+    save,
+)
 from tactile_dynamics_ros.ros.listening import REQUESTS
 from tactile_dynamics_ros.ros.names import (
     ROBOT_DESCRIPTION,
@@ -56,7 +65,6 @@ from tactile_dynamics_ros.ros.names import (
 from tactile_dynamics_ros.ros.parameters import declare_config
 from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
 from tactile_dynamics_ros.ros.typed_messages import body_message
-from tactile_dynamics_ros.ros.weighed import Weighed, advise, ask, keep, new_folder, save
 
 STEP = 0.02
 """Real time between looks at a motion, s: an arm of 0.5 rad/s turns by 0.6 deg meanwhile."""

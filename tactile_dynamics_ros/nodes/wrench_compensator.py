@@ -20,9 +20,8 @@ from tactile_dynamics_ros.core.inertia.compensation import (
 )
 from tactile_dynamics_ros.core.inertia.compensation.causal_motion import CausalMotion, FeltMotion
 from tactile_dynamics_ros.core.streams.streams import ContactSample
-from tactile_dynamics_ros.ros.carried_load import CarriedLoad
-from tactile_dynamics_ros.ros.contact_assembly import ContactAssembly
 from tactile_dynamics_ros.ros.conversions import MessageError, wrench_to_message
+from tactile_dynamics_ros.ros.friction_messages import ContactAssembly
 from tactile_dynamics_ros.ros.inputs import Need
 from tactile_dynamics_ros.ros.names import (
     COMPENSATED,
@@ -33,6 +32,7 @@ from tactile_dynamics_ros.ros.names import (
     OBJECT_POSE,
 )
 from tactile_dynamics_ros.ros.parameters import declare_config
+from tactile_dynamics_ros.ros.payload_services import CarriedLoad
 from tactile_dynamics_ros.ros.shell import Shell, run_node
 from tactile_dynamics_ros.ros.stated_noise import read_tracked_pose
 from tactile_dynamics_ros.ros.stream_clock import StreamClock

@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import (
     matrix_to_quaternion,
@@ -28,8 +28,6 @@ from tactile_dynamics_ros.recording.topics import (
     StdColumns,
     WrenchColumns,
 )
-
-Array = NDArray[np.float64]
 
 _DOWN = -0.999
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import (
     are_rotations,
@@ -43,8 +43,6 @@ from tactile_dynamics_ros.recording.topics import (
     StdColumns,
     WrenchColumns,
 )
-
-Array = NDArray[np.float64]
 
 STANDARD_GRAVITY = 9.81
 HELD = "sample of a slower sensor repeated"

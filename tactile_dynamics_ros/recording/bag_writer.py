@@ -16,6 +16,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError, refuse_existing
 from tactile_dynamics_ros.core.files import written_whole
 from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion
@@ -24,7 +25,6 @@ from tactile_dynamics_ros.recording import topics
 from tactile_dynamics_ros.recording.cdr import encode_messages
 from tactile_dynamics_ros.share import share_file
 
-Array = NDArray[np.float64]
 Table = tuple[str, str, NDArray[np.int64], list[bytes]]
 """Topic, message type, (N,) stamps in nanoseconds, N serialised messages."""
 

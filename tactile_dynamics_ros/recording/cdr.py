@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from tactile_dynamics_ros.core.array import Array
 
 DOUBLES = {
     "geometry_msgs/msg/PoseStamped": 7,

@@ -12,11 +12,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.numerics.noise import quantisation_step
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3
 from tactile_dynamics_ros.core.streams.streams import ContactStream, PoseStream, Streams, on_lines
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 FORCE_LIMIT = 1e4

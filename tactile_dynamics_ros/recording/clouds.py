@@ -10,10 +10,9 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.reading import open_arrays, require_file
-
-Array = NDArray[np.float64]
 
 UNITS = {"m": 1.0, "mm": 1e-3}
 """Metres per unit of length."""

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3, nearest_rotation
 from tactile_dynamics_ros.core.streams.streams import PoseStream, Streams
-
-Array = NDArray[np.float64]
 
 _GAP_PERIODS = 2.5
 """Step between samples, in median periods, from which there is a gap: a lost sample makes 2, jitter

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtrc
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import (
     are_rotations,
@@ -22,7 +23,6 @@ from tactile_dynamics_ros.core.rigid_body.rotation import (
     skew,
 )
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 FEWEST_ROWS = 3

@@ -10,13 +10,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import quaternion_to_matrix
 from tactile_dynamics_ros.core.streams.streams import between_turns
 from tactile_dynamics_ros.recording.cdr import MessageTable
 from tactile_dynamics_ros.recording.cleaning import Mask, ProblemLog, find_not_increasing
-
-Array = NDArray[np.float64]
 
 ROBOT_DESCRIPTION = "/robot_description"
 """Topic on which robots publish their URDF."""

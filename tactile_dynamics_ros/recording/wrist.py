@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.robot.kinematic_tree import chain
 from tactile_dynamics_ros.core.robot.robot import Robot
@@ -19,8 +19,6 @@ from tactile_dynamics_ros.recording.importers.bag_reader import WRENCH_COLUMNS
 from tactile_dynamics_ros.recording.importers.bag_tables import read_topic, topic_types
 from tactile_dynamics_ros.recording.importers.joint_angles import link_pose
 from tactile_dynamics_ros.recording.recording import Recording
-
-Array = NDArray[np.float64]
 
 WRENCH = "/wrist/wrench"
 JOINTS = "/joint_states"

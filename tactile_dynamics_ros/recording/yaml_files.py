@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from tactile_dynamics_ros.core import reading
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.files import written_whole
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
@@ -21,8 +21,6 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     com_inertia_jacobian,
     is_feasible,
 )
-
-Array = NDArray[np.float64]
 
 LARGEST = 1e15
 """Largest number in such a file, SI: variances of what is undetermined reach 1e11 (kg^2); squares

@@ -9,12 +9,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import Point, WrenchStamped
-from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 from std_msgs.msg import ColorRGBA
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import Marker, MarkerArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import parameter
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.weighing.excitation import WeighingMotion
@@ -23,8 +23,6 @@ from tactile_dynamics_ros.ros.inputs import Need
 from tactile_dynamics_ros.ros.names import JOINT_STATES, JOINT_TRAJECTORY, WRIST_WRENCH
 from tactile_dynamics_ros.ros.shell import Shell
 from tactile_dynamics_ros.ros.wire import Joints, Stamped
-
-Array = NDArray[np.float64]
 
 POINTS_HZ = 50.0
 """Rate of a trajectory's points, Hz: between them controllers interpolate cubically, which is exact

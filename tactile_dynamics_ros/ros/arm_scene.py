@@ -7,11 +7,11 @@ from typing import Any, Protocol
 
 import numpy as np
 from geometry_msgs.msg import WrenchStamped
-from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.ros.conversions import joints_to_message, wrench_to_message
 from tactile_dynamics_ros.ros.names import (
@@ -24,8 +24,6 @@ from tactile_dynamics_ros.ros.names import (
     WRIST_WRENCH,
 )
 from tactile_dynamics_ros.ros.shell import Shell
-
-Array = NDArray[np.float64]
 
 FRAME = "wrist_sensor"
 """Frame of the sensor, a link of the arm's URDF."""

@@ -1,22 +1,30 @@
-"""Where a moving camera is, what its optics are, and whether it rests where it was sent."""
+"""A camera that is carried about: its motion, and its images as streams."""
 
 from __future__ import annotations
 
 import time
 from collections import deque
+from typing import Protocol
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
 from numpy.typing import NDArray
-from sensor_msgs.msg import CameraInfo
+from rclpy.publisher import Publisher
+from sensor_msgs.msg import CameraInfo, Image
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
-from tactile_dynamics_ros.ros.conversions import camera_to_core, pose_to_core, to_seconds
+from tactile_dynamics_ros.ros.conversions import (
+    camera_info,
+    camera_to_core,
+    depth_to_message,
+    pose_to_core,
+    to_seconds,
+)
 from tactile_dynamics_ros.ros.names import CAMERA_INFO, CAMERA_POSE, CAMERA_TARGET, DEPTH_IMAGE
+from tactile_dynamics_ros.ros.pacing import DelayLine
 from tactile_dynamics_ros.ros.shell import Shell
 from tactile_dynamics_ros.ros.wire import AnyStamp, Stamp, Stamped
-
-Array = NDArray[np.float64]
 
 NEAR, TURNED = 0.005, np.deg2rad(1.0)
 """Distance, m, and turn from its target at which the camera is there: arms stop within. What is
@@ -107,3 +115,51 @@ def is_near(pose: Array, other: Array, distance: float, turn: float) -> bool:
     between = 0.5 * (np.trace(pose[:3, :3].T @ other[:3, :3]) - 1.0)
     apart = float(np.linalg.norm(pose[:3, 3] - other[:3, 3]))
     return apart <= distance and float(np.arccos(np.clip(between, -1.0, 1.0))) <= turn
+
+
+FRAME = "camera_depth_optical_frame"
+
+
+class Optics(Protocol):
+    """What is known of a camera (`sim.sensors.depth_camera.DepthCameraConfig`)."""
+
+    width: int
+    height: int
+
+    @property
+    def intrinsics(self) -> NDArray[np.float64]:
+        """Camera matrix (3, 3), pixels."""
+
+
+class DepthStreams:
+    """Image and intrinsics of a depth camera, which come late.
+
+    Args:
+        node: that publishes.
+        camera: its optics.
+        late: messages that are due later.
+        latency: of an image, s.
+    """
+
+    def __init__(
+        self,
+        node: Shell,
+        camera: Optics,
+        late: DelayLine[tuple[Publisher, object]],
+        latency: float,
+    ) -> None:
+        self._optics, self._late, self._latency = camera, late, latency
+        self._depth = node.stream(Image, DEPTH_IMAGE)
+        self._camera = node.stream(CameraInfo, CAMERA_INFO)
+
+    @property
+    def heard(self) -> bool:
+        """Whether anybody wants images."""
+        return self._depth.get_subscription_count() > 0
+
+    def add(self, depth: NDArray[np.float32], time: float) -> None:
+        """Publish an image of a simulated time when it is due."""
+        optics = self._optics
+        info = camera_info(optics.intrinsics, optics.width, optics.height, time, FRAME)
+        self._late.add(time + self._latency, (self._camera, info))
+        self._late.add(time + self._latency, (self._depth, depth_to_message(depth, time, FRAME)))

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.rigid_body.rotation import (
@@ -39,11 +40,8 @@ from tactile_dynamics_ros.ros.wire import (
     to_stamp,
 )
 
-Array = NDArray[np.float64]
-
 IDENTITY = np.eye(4)
 SWAP_HALVES = np.array([3, 4, 5, 0, 1, 2])
-SWAP_ROWS = SWAP_HALVES[:, None]
 DEPTH_ENCODING = "32FC1"
 RESTART_AFTER = 1.0
 LARGEST_WRENCH = 1e4
@@ -231,14 +229,14 @@ def uncertain_pose_to_core(message: Stamped, topic: str, frame: str) -> tuple[Ar
 
 def covariance_to_core(message: Stamped) -> Array:
     """Return the covariance (6, 6) [rotation, position] of a PoseWithCovarianceStamped as it is."""
-    return np.asarray(message.values[7:].reshape(6, 6)[SWAP_ROWS, SWAP_HALVES])
+    return np.asarray(message.values[7:].reshape(6, 6)[SWAP_HALVES[:, None], SWAP_HALVES])
 
 
 def uncertain_pose_to_message(
     matrix: Array, covariance: Array, time: float | AnyStamp, frame: str
 ) -> bytes:
     """Return the PoseWithCovarianceStamped of a pose and its covariance [rotation, position]."""
-    swapped = covariance[SWAP_ROWS, SWAP_HALVES].ravel()
+    swapped = covariance[SWAP_HALVES[:, None], SWAP_HALVES].ravel()
     return encode_stamped(_stamp(time), frame, np.concatenate([_pose_values(matrix), swapped]))
 
 

@@ -11,12 +11,10 @@ from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from numpy.typing import NDArray
 from rclpy.node import Node
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.ros.names import DIAGNOSTICS
-
-Array = NDArray[np.float64]
 
 OK, STALE = 0, 3
 """Levels of diagnostic_msgs/DiagnosticStatus: all is well; nothing was heard."""

@@ -8,13 +8,13 @@ from time import monotonic
 
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.streams.pose_noise import ASSUMED_POSITION_STD
 from tactile_dynamics_ros.core.streams.stamps import Reordered
 from tactile_dynamics_ros.core.streams.streams import ContactSample
-from tactile_dynamics_ros.ros.contact_assembly import ContactAssembly
 from tactile_dynamics_ros.ros.conversions import MessageError
+from tactile_dynamics_ros.ros.friction_messages import ContactAssembly
 from tactile_dynamics_ros.ros.inputs import Need
 from tactile_dynamics_ros.ros.names import OBJECT_POSE
 from tactile_dynamics_ros.ros.object_state import Holding, ObjectState
@@ -23,8 +23,6 @@ from tactile_dynamics_ros.ros.shell import Shell
 from tactile_dynamics_ros.ros.stated_noise import read_tracked_pose
 from tactile_dynamics_ros.ros.stream_clock import StreamClock
 from tactile_dynamics_ros.ros.wire import Stamped
-
-Array = NDArray[np.float64]
 
 HOLD = 0.05
 """How long a reading waits for those that were taken before it and come later, s: five frames at

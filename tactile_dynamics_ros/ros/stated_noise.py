@@ -9,14 +9,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.streams.pose_noise import read_covariances
 from tactile_dynamics_ros.ros.conversions import MessageError, covariance_to_core, pose_to_core
 from tactile_dynamics_ros.ros.diagnostics import Faults
 from tactile_dynamics_ros.ros.wire import Stamped
-
-Array = NDArray[np.float64]
 
 NOT_STATED = "covariance_not_stated"
 

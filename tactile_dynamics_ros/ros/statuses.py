@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import PARAMETER_NAMES
 from tactile_dynamics_ros.core.inertia.live import LiveEstimate
 from tactile_dynamics_ros.core.inertia.live.live_estimate import Level, Verdict
@@ -29,8 +29,6 @@ from tactile_dynamics_ros.ros.diagnostics import (
     to_number,
 )
 from tactile_dynamics_ros.ros.object_state import ObjectState
-
-Array = NDArray[np.float64]
 
 LEVELS = {
     Level.OK: DiagnosticStatus.OK,

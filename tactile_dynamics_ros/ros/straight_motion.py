@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
-from numpy.typing import NDArray
 from rclpy.node import Node
 from std_msgs.msg import Bool, Float64
 
@@ -26,8 +25,6 @@ from tactile_dynamics_ros.ros.names import (
 )
 from tactile_dynamics_ros.ros.shell import LATCHED, STREAM
 from tactile_dynamics_ros.ros.wire import decode_stamped
-
-Array = NDArray[np.float64]
 
 WORLD = "world"
 SETTLING = 0.3

@@ -6,10 +6,9 @@ from collections import deque
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.reading import read_text
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3
 from tactile_dynamics_ros.core.tracking.links.link_tracker import Link
@@ -17,8 +16,6 @@ from tactile_dynamics_ros.core.tracking.links.table_tracker import TableTracker
 from tactile_dynamics_ros.core.tracking.robot_volume import TreeVolume
 from tactile_dynamics_ros.core.tracking.watch import VisionTrackerConfig
 from tactile_dynamics_ros.ros.shape_messages import shape_from_message
-
-Array = NDArray[np.float64]
 
 
 class PoseHistory:

@@ -16,9 +16,9 @@ from geometry_msgs.msg import (
     PoseWithCovarianceStamped,
     WrenchStamped,
 )
-from numpy.typing import NDArray
 from std_msgs.msg import Float64
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.planar.actions.information import Belief
@@ -42,8 +42,6 @@ from tactile_dynamics_ros.ros.names import (
 )
 from tactile_dynamics_ros.ros.shell import LATCHED, Shell
 from tactile_dynamics_ros.ros.wire import Stamp, Stamped
-
-Array = NDArray[np.float64]
 
 WORLD = "world"
 CONTACTS = ("pusher", "pad_left", "pad_right")

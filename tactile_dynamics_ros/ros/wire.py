@@ -22,9 +22,9 @@ from geometry_msgs.msg import (
 from numpy.typing import NDArray
 from sensor_msgs.msg import Image, JointState
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.recording.cdr import DOUBLES, ENCAPSULATION, LITTLE_ENDIAN, NANOSECONDS
 
-Array = NDArray[np.float64]
 Decoder = Callable[[bytes], Any]
 
 STAMPED = ENCAPSULATION + 8

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, WrenchStamped
-from numpy.typing import NDArray
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import parameter
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.frame_tree import FrameTree
@@ -27,8 +27,6 @@ from tactile_dynamics_ros.ros.inputs import Need
 from tactile_dynamics_ros.ros.names import OBJECT_POSE, TF, TF_STATIC, contact_topic
 from tactile_dynamics_ros.ros.shell import Shell
 from tactile_dynamics_ros.ros.wire import Stamp, Stamped
-
-Array = NDArray[np.float64]
 
 NAME = "wrist"
 """Of the contact; it is API."""

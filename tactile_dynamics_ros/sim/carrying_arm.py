@@ -12,18 +12,15 @@ from typing import Any
 import numpy as np
 import pybullet
 import pybullet_data
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3
 from tactile_dynamics_ros.sim.bodies import Engine, link_indices, to_matrix
-from tactile_dynamics_ros.sim.sensors.robot_sensors import WristSensor, WristSensorConfig
+from tactile_dynamics_ros.sim.carried import SENSOR, Carried, bolted_link, with_carried
+from tactile_dynamics_ros.sim.sensors.fingertips import WristSensor, WristSensorConfig
 
-Array = NDArray[np.float64]
-
-SENSOR = "wrist_sensor"
-"""Link of the sensor: it is bolted to the flange, and the tool to it."""
 TIME_STEP = 1e-3
 """Simulation step, s, as of the other scenes."""
 _START = (0.0, 0.5, 0.0, -1.4, 0.0, 0.9, 0.0)
@@ -56,47 +53,6 @@ class CarryingArmConfig:
 
     def __post_init__(self) -> None:
         check_ranges(self)
-
-
-@dataclass(frozen=True)
-class Carried:
-    """A rigid body on the sensor.
-
-    Attributes:
-        mass: kg. com: (3,) m, sensor's frame. moments: (3,) kg m^2, principal, about the centre.
-        rpy: turn of the principal axes, rad.
-    """
-
-    mass: float
-    com: Array
-    moments: Array
-    rpy: Array
-
-    @classmethod
-    def draw(cls, rng: np.random.Generator, mass: tuple[float, float], reach: float) -> Carried:
-        """Draw a box of even density whose centre lies before the sensor.
-
-        Args:
-            rng: of the draws.
-            mass: least and largest, kg.
-            reach: distance of the centre along the sensor's z, m.
-        """
-        size = rng.uniform(0.06, 0.14, 3)
-        weight = rng.uniform(*mass)
-        moments = weight / 12.0 * (np.sum(size**2) - size**2)
-        com = np.array([*rng.uniform(-0.02, 0.02, 2), reach + rng.uniform(-0.01, 0.01)])
-        return cls(float(weight), com, moments, rng.uniform(-0.5, 0.5, 3))
-
-    def inertia_com(self) -> Array:
-        """Return the inertia (3, 3) about the centre of mass, axes of the sensor, kg m^2."""
-        quaternion = pybullet.getQuaternionFromEuler(self.rpy.tolist())
-        turn = to_matrix((0.0, 0.0, 0.0), quaternion)[:3, :3]
-        return np.asarray(turn @ np.diag(self.moments) @ turn.T)
-
-    def to_json(self) -> dict[str, Any]:
-        """Return plain numbers."""
-        inertia = self.inertia_com()
-        return {"mass": self.mass, "com": self.com.tolist(), "inertia_com": inertia.tolist()}
 
 
 @dataclass(frozen=True)
@@ -142,7 +98,7 @@ class CarryingArm(Engine):
         self.urdf = self.load_urdf()
         pybullet.setGravity(0.0, 0.0, -9.81, physicsClientId=self.client)
         pybullet.setTimeStep(TIME_STEP, physicsClientId=self.client)
-        self._body = _spawn(self.client, _with_carried(self.urdf, [self.tool, self.load]))
+        self._body = _spawn(self.client, with_carried(self.urdf, [self.tool, self.load]))
         self._links = link_indices(self.client, self._body)
         infos = [pybullet.getJointInfo(self._body, k, self.client) for k in self._links.values()]
         moving = [info for info in infos if info[2] == pybullet.JOINT_REVOLUTE]
@@ -171,7 +127,7 @@ class CarryingArm(Engine):
         root = ElementTree.fromstring((folder / "model.urdf").read_text())
         for mesh in root.iter("mesh"):
             mesh.attrib["filename"] = str(folder / mesh.attrib["filename"])
-        root.extend(_link(SENSOR, "lbr_iiwa_link_7", (0.0, 0.0, 0.045), None))
+        root.extend(bolted_link(SENSOR, "lbr_iiwa_link_7", (0.0, 0.0, 0.045), None))
         return ElementTree.tostring(root, encoding="unicode")
 
     def set_load(self, attached: bool) -> None:
@@ -201,7 +157,7 @@ class CarryingArm(Engine):
         pybullet.setGravity(0.0, 0.0, -9.81, physicsClientId=client)
         root = ElementTree.fromstring(self.urdf)
         inertia = (max(mass, _NOTHING), com, inertia_com, np.zeros(3))
-        root.extend(_link("payload", SENSOR, (0.0, 0.0, 0.0), inertia))
+        root.extend(bolted_link("payload", SENSOR, (0.0, 0.0, 0.0), inertia))
         self._known = _spawn(client, ElementTree.tostring(root, encoding="unicode"))
 
     def follow(self, names: list[str], time: Array, position: Array, velocity: Array) -> None:
@@ -400,51 +356,6 @@ class _Momentum:
     mass: float
     place: Array
     sensor: Array
-
-
-def _with_carried(urdf: str, bodies: list[Carried]) -> str:
-    """Return the URDF with tool and load bolted to the sensor."""
-    root = ElementTree.fromstring(urdf)
-    parent = SENSOR
-    for name, body in zip(("tool", "load"), bodies, strict=True):
-        inertia = (body.mass, body.com, np.diag(body.moments), body.rpy)
-        root.extend(_link(name, parent, (0.0, 0.0, 0.0), inertia))
-        parent = name
-    return ElementTree.tostring(root, encoding="unicode")
-
-
-def _link(
-    name: str,
-    parent: str,
-    place: tuple[float, float, float],
-    inertia: tuple[float, Array, Array, Array] | None,
-) -> list[ElementTree.Element]:
-    """Return a link and the fixed joint that bolts it to another one.
-
-    Args:
-        name: of the link.
-        parent: of the other.
-        place: in the other, m.
-        inertia: mass (kg), centre (m), inertia about it (kg m^2) and turn of its axes (rad); a gram
-            if None, as Bullet gives links without inertia a kilogram.
-    """
-    mass, com, tensor, rpy = inertia or (1e-3, np.zeros(3), 1e-7 * np.eye(3), np.zeros(3))
-    link = ElementTree.Element("link", name=name)
-    own = ElementTree.SubElement(link, "inertial")
-    ElementTree.SubElement(own, "origin", xyz=_text(com), rpy=_text(rpy))
-    ElementTree.SubElement(own, "mass", value=repr(float(mass)))
-    rows = {f"i{a}{b}": repr(float(tensor["xyz".index(a), "xyz".index(b)]))
-            for a, b in ("xx", "xy", "xz", "yy", "yz", "zz")}  # fmt: skip
-    ElementTree.SubElement(own, "inertia", rows)
-    joint = ElementTree.Element("joint", name=f"{name}_mount", type="fixed")
-    ElementTree.SubElement(joint, "parent", link=parent)
-    ElementTree.SubElement(joint, "child", link=name)
-    ElementTree.SubElement(joint, "origin", xyz=_text(np.array(place)), rpy="0 0 0")
-    return [link, joint]
-
-
-def _text(values: Array) -> str:
-    return " ".join(repr(float(value)) for value in values)
 
 
 def _spawn(client: int, urdf: str) -> int:

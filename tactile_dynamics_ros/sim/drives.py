@@ -6,11 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 import pybullet
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.robot.robot import Robot, column
-
-Array = NDArray[np.float64]
 
 SERVO_TIME = 0.01
 

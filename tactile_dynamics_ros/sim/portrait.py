@@ -14,11 +14,10 @@ import pybullet
 from matplotlib.image import imsave
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.sim.sensors.depth_camera import look_at
 from tactile_dynamics_ros.sim.world import HandWorld, WorldConfig
-
-Array = NDArray[np.float64]
 
 SIZE = (960, 720)
 FIELD_OF_VIEW_DEG = 30.0

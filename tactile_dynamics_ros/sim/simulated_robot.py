@@ -10,10 +10,11 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.robot.robot_file import DEFAULT_ROBOT, load_robot
-from tactile_dynamics_ros.sim.contacts import ContactReading
+from tactile_dynamics_ros.sim.bodies import ContactReading
 from tactile_dynamics_ros.sim.hidden_effects import SensorView, create_hidden_effect
 from tactile_dynamics_ros.sim.sensors.biotac import BioTacConfig
 from tactile_dynamics_ros.sim.sensors.depth_camera import (
@@ -21,18 +22,19 @@ from tactile_dynamics_ros.sim.sensors.depth_camera import (
     DepthCameraConfig,
     look_at,
 )
-from tactile_dynamics_ros.sim.sensors.fingertips import Fingertips, ForceTorquePads, PadConfig
-from tactile_dynamics_ros.sim.sensors.robot_sensors import (
+from tactile_dynamics_ros.sim.sensors.fingertips import (
     EncoderConfig,
+    Fingertips,
+    ForceTorquePads,
     JointEncoders,
     MarkerTracker,
     MarkerTrackerConfig,
+    PadConfig,
     WristSensor,
     WristSensorConfig,
 )
 from tactile_dynamics_ros.sim.world import HandWorld, WorldConfig
 
-Array = NDArray[np.float64]
 Config = TypeVar("Config")
 
 ERROR_WORDS = ("noise", "drift", "offset", "bias", "wander", "play", "loss", "variation", "stray")

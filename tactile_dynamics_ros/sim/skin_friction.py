@@ -12,11 +12,9 @@ from typing import Any
 
 import numpy as np
 import pybullet
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.sim.world import HandWorld
-
-Array = NDArray[np.float64]
 
 BREAKAWAY_SPEED = 1.5e-3
 """Speed at which static has become kinetic friction, m/s."""

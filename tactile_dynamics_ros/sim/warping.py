@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pybullet
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.rigid_body.rotation import inverse_pose
 from tactile_dynamics_ros.sim.bodies import (
     ObjectBody,
@@ -17,8 +17,6 @@ from tactile_dynamics_ros.sim.bodies import (
     spawn_object,
 )
 from tactile_dynamics_ros.sim.objects import ObjectModel
-
-Array = NDArray[np.float64]
 
 PANEL_MASS = 0.01
 PANEL_INERTIA = 1e-4

@@ -8,25 +8,24 @@ from typing import Any
 
 import numpy as np
 import pybullet
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.robot.robot import Robot
 from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.sim.bodies import (
+    ContactAccumulator,
+    ContactReading,
     Engine,
     link_indices,
     spawn_robot,
     spawn_table,
     to_matrix,
 )
-from tactile_dynamics_ros.sim.contacts import ContactAccumulator, ContactReading
 from tactile_dynamics_ros.sim.drives import JointDrives
 from tactile_dynamics_ros.sim.objects import ObjectModel, load_object
 from tactile_dynamics_ros.sim.warping import spawn_warping_object
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

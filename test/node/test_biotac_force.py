@@ -16,7 +16,7 @@ from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
 from tactile_dynamics_ros.nodes.biotac_force import BiotacForce, BiotacForceConfig
 from tactile_dynamics_ros.ros import conversions as cv
 from tactile_dynamics_ros.ros.diagnostics import status_values
-from tactile_dynamics_ros.ros.kept_tare import KeptTare
+from tactile_dynamics_ros.ros.object_memory import KeptTare
 from tactile_dynamics_ros.ros.shell import STREAM
 from tactile_dynamics_ros.sim.sensors.biotac import BioTacArray
 

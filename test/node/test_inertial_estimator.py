@@ -18,9 +18,9 @@ from tactile_dynamics_ros.nodes.inertial_estimator import InertialEstimatorNode
 from tactile_dynamics_ros.recording.yaml_files import read_body, write_body
 from tactile_dynamics_ros.ros import conversions as cv
 from tactile_dynamics_ros.ros.diagnostics import status_values
-from tactile_dynamics_ros.ros.estimate_markers import METRES_PER_NEWTON
 from tactile_dynamics_ros.ros.friction_messages import estimate_status
 from tactile_dynamics_ros.ros.object_state import REPEAT
+from tactile_dynamics_ros.ros.shape_messages import METRES_PER_NEWTON
 from tactile_dynamics_ros.ros.shell import LATCHED
 
 INERTIA = "/inertial_estimator/inertia"

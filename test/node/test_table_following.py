@@ -15,7 +15,7 @@ from tactile_dynamics_ros.ros.diagnostics import status_message
 from tactile_dynamics_ros.ros.names import CAMERA_INFO, CAMERA_POSE, DEPTH_IMAGE, OBJECT_SHAPE
 from tactile_dynamics_ros.ros.shape_messages import LENGTHS
 from tactile_dynamics_ros.ros.shell import LATCHED, STREAM
-from tactile_dynamics_ros.sim.planar_objects import planar_object
+from tactile_dynamics_ros.sim.objects import planar_object
 
 
 def told(shape, name, stamp):

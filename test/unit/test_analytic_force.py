@@ -13,6 +13,7 @@ from tactile_dynamics_ros.core.tactile.analytic_force import (
     estimate_force,
     estimate_point,
     estimate_sequence,
+    fit_unit_gain,
 )
 from tactile_dynamics_ros.core.tactile.calibration import (
     ForceCalibration,
@@ -23,9 +24,12 @@ from tactile_dynamics_ros.core.tactile.calibration import (
 from tactile_dynamics_ros.core.tactile.electrodes import ELECTRODES, PDC, TDC
 from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
 from tactile_dynamics_ros.core.tactile.signal_change import RestState, temperature
-from tactile_dynamics_ros.core.tactile.unit_gain import fit_unit_gain
-from tactile_dynamics_ros.sim.sensors.biotac.calibrate import label_presses
-from tactile_dynamics_ros.sim.sensors.biotac.presses import PressConfig, Presses, record_presses
+from tactile_dynamics_ros.sim.sensors.biotac.presses import (
+    PressConfig,
+    Presses,
+    label_presses,
+    record_presses,
+)
 
 
 @pytest.fixture(scope="module")

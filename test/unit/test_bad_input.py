@@ -15,7 +15,7 @@ from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.files import written_whole
-from tactile_dynamics_ros.core.tactile.estimators import create_force_estimator
+from tactile_dynamics_ros.core.tactile.analytic_force import create_force_estimator
 from tactile_dynamics_ros.core.tactile.network.weights import SHIPPED_NETWORK, shipped_network
 from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.share import share_file

@@ -11,7 +11,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from benchmarks.biotac_press_rig import press_fingertips
 from tactile_dynamics_ros.cli.main import main
-from tactile_dynamics_ros.core.tactile.unit_gain import fit_unit_gain
+from tactile_dynamics_ros.core.tactile.analytic_force import fit_unit_gain
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 WRENCH = "geometry_msgs/msg/WrenchStamped"

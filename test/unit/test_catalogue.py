@@ -10,7 +10,7 @@ from benchmarks.effects.cases import plan
 from benchmarks.pushed.diagnoses import pushed
 from docs.effect_pages import PICTURES
 from tactile_dynamics_ros.core.effects import EFFECT_NAMES, create_effect
-from tactile_dynamics_ros.core.effects.catalogue import CatalogueEntry, describe_effect
+from tactile_dynamics_ros.core.effects.registry import CatalogueEntry, describe_effect
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.joints.effects import (
     JOINT_EFFECT_NAMES,

@@ -17,7 +17,7 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     InertialParameters,
     is_feasible,
 )
-from tactile_dynamics_ros.core.shape.hull import CentreHull, keep_in_hull
+from tactile_dynamics_ros.core.shape.solid import CentreHull, keep_in_hull
 from tactile_dynamics_ros.synthetic.recordings import generate
 from tactile_dynamics_ros.synthetic.scenario import ScenarioOptions
 

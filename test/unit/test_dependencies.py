@@ -65,7 +65,10 @@ def test_a_room_imports_only_what_it_may(name):
             "import tactile_dynamics_ros.core.inertia.batch",
         ),
         ("core/inertia/batch/prior.py", "import tactile_dynamics_ros.core.inertia.live.pipeline"),
-        ("core/friction/cone.py", "from tactile_dynamics_ros.core.inertia.batch import batch"),
+        (
+            "core/friction/probe_config.py",
+            "from tactile_dynamics_ros.core.inertia.batch import batch",
+        ),
         ("sim/world.py", "def late():\n    from tactile_dynamics_ros.core.effects import registry"),
         ("synthetic/sensors.py", "from tactile_dynamics_ros.core.effects.held import sensor"),
         ("recording/arrays.py", "import rclpy"),

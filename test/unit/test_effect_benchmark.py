@@ -17,7 +17,8 @@ from benchmarks.effects.grading import (
 )
 from benchmarks.effects.parameters import parameter_errors, true_parameters
 from benchmarks.effects.product import Answer
-from benchmarks.effects.running import read_records, run_case
+from benchmarks.effects.running import run_case
+from benchmarks.kept import read_rows
 from tactile_dynamics_ros.synthetic import CATALOGUE, OUTSIDE, generate
 
 FLOOR = {"before": 2.0, "after": 1.01, "noise_floor": 1.0}
@@ -189,7 +190,7 @@ def test_records_survive_a_cut_off_line(records, tmp_path):
     path = tmp_path / "records.jsonl"
     lines = [json.dumps(record) for record in records[:2]]
     path.write_text("\n".join(lines) + "\n" + lines[0][:40])
-    assert [record["key"] for record in read_records(path)] == [r["key"] for r in records[:2]]
+    assert [record["key"] for record in read_rows(path)] == [r["key"] for r in records[:2]]
 
 
 def test_plan_covers_everything_with_report_seeds():
@@ -221,7 +222,7 @@ def test_quick_benchmark_asks_the_real_command(tmp_path, capsys):
     assert summary["crashes"] == []
     assert summary["clean"]["count"] == summary["single"]["count"] == 1
     assert summary["single"]["right_or_group"] == 1.0
-    assert len(read_records(tmp_path / "records.jsonl")) == 3
+    assert len(read_rows(tmp_path / "records.jsonl")) == 3
 
 
 def test_vectors_in_axes_that_nobody_tells_are_compared_by_length():

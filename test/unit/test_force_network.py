@@ -18,7 +18,12 @@ from benchmarks.peers.voxel import (
     train_voxel_network,
 )
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
-from tactile_dynamics_ros.core.tactile.analytic_force import estimate_sequence
+from tactile_dynamics_ros.core.tactile.analytic_force import (
+    FORCE_MODELS,
+    create_force_estimator,
+    estimate_sequence,
+    fit_unit_gain,
+)
 from tactile_dynamics_ros.core.tactile.calibration import (
     MIRROR_AXES,
     LabelledPresses,
@@ -26,35 +31,33 @@ from tactile_dynamics_ros.core.tactile.calibration import (
     shipped_calibration,
 )
 from tactile_dynamics_ros.core.tactile.electrodes import CHANNELS, PDC, TDC
-from tactile_dynamics_ros.core.tactile.estimators import FORCE_MODELS, create_force_estimator
 from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig, TactileEstimate
-from tactile_dynamics_ros.core.tactile.network.estimator import (
-    NetworkForceEstimator,
-    predict_presses,
-    predict_sequence,
-)
 from tactile_dynamics_ros.core.tactile.network.training import TrainingConfig, train_network
 from tactile_dynamics_ros.core.tactile.network.weights import (
     INPUTS,
     MIRROR_INPUTS,
     SHIPPED_NETWORK,
     Memory,
+    NetworkForceEstimator,
     NetworkWeights,
     face_left,
     lagged,
     network_inputs,
+    predict_presses,
+    predict_sequence,
     shipped_network,
 )
 from tactile_dynamics_ros.core.tactile.signal_change import MIRROR
-from tactile_dynamics_ros.core.tactile.unit_gain import fit_unit_gain
-from tactile_dynamics_ros.sim.sensors.biotac import BioTacArray, calibrate
-from tactile_dynamics_ros.sim.sensors.biotac.calibrate import (
+from tactile_dynamics_ros.sim.sensors.biotac import BioTacArray
+from tactile_dynamics_ros.sim.sensors.biotac import presses as protocols_of
+from tactile_dynamics_ros.sim.sensors.biotac.presses import (
+    PressConfig,
     label_batches,
     label_presses,
     label_protocols,
+    record_presses,
 )
-from tactile_dynamics_ros.sim.sensors.biotac.presses import PressConfig, record_presses
-from tactile_dynamics_ros.sim.sensors.biotac.skin import OUTER_RADIUS, outward_normal
+from tactile_dynamics_ros.sim.sensors.biotac.sensor import OUTER_RADIUS, outward_normal
 
 
 def presses(units: int, seed: int, frames: int = 500) -> LabelledPresses:
@@ -121,7 +124,7 @@ def test_presses_of_two_processes_are_those_of_their_seeds_in_order(monkeypatch)
     def short(units: int, seed: int) -> dict[str, PressConfig]:
         return {name: PressConfig(units=units, frames=80, seed=seed) for name in "abc"}
 
-    monkeypatch.setattr(calibrate, "protocols", short)
+    monkeypatch.setattr(protocols_of, "protocols", short)
     found = list(label_batches(3, seed=40, batch=2))
     expected = [*label_protocols(2, 40).values(), *label_protocols(1, 43).values()]
     assert len(found) == len(expected) == 6
@@ -134,7 +137,7 @@ def test_presses_end_where_the_caller_handles_its_own_end(monkeypatch):
     """Nodes in one process set handlers; processes that inherit them would never end."""
     ignored: list[int] = []
     monkeypatch.setattr(
-        calibrate, "protocols", lambda units, seed: {"a": PressConfig(units=units, frames=80)}
+        protocols_of, "protocols", lambda units, seed: {"a": PressConfig(units=units, frames=80)}
     )
     before = signal.signal(signal.SIGTERM, lambda number, _: ignored.append(number))
     try:

@@ -4,12 +4,6 @@ import numpy as np
 import pytest
 
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
-from tactile_dynamics_ros.core.friction.cone import (
-    friction_coefficient,
-    probing_angles,
-    split_force,
-    tangent_basis,
-)
 from tactile_dynamics_ros.core.friction.estimate import (
     FrictionEstimateConfig,
     SlipEvent,
@@ -28,6 +22,10 @@ from tactile_dynamics_ros.core.friction.probe_config import (
     ProbeContact,
     ProbeInput,
     ProbePhase,
+    friction_coefficient,
+    probing_angles,
+    split_force,
+    tangent_basis,
 )
 from tactile_dynamics_ros.core.friction.slip_detection import SlipFusion, SlipObservation
 from tactile_dynamics_ros.core.friction.slip_log import find_slip

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tactile_dynamics_ros.core.friction.cone import cone_share, distance_beyond
+from tactile_dynamics_ros.core.friction.probe_config import cone_share, distance_beyond
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 
 NORMAL = np.array([0.0, 0.0, 1.0])

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.sim.contacts import ContactReading
+from tactile_dynamics_ros.sim.bodies import ContactReading
 from tactile_dynamics_ros.sim.planar.bed import GRAVITY
 from tactile_dynamics_ros.sim.planar.hidden_effects import CATALOGUED, OUTSIDE, hide
 from tactile_dynamics_ros.sim.planar.simulated_table import SimulatedTable, SimulatedTableConfig

@@ -10,8 +10,7 @@ from numpy.testing import assert_allclose
 
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3
-from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
-from tactile_dynamics_ros.core.robot.joint_uncertainty import JointUncertaintyConfig
+from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics, JointUncertaintyConfig
 from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.core.tracking.kinematic_tracker import (
     KinematicTracker,

@@ -8,8 +8,8 @@ pytest.importorskip("pybullet")
 from benchmarks.explore.changes import Watched  # noqa: E402
 from tactile_dynamics_ros.core.planar.diagnosis.changed import ChangeCheck  # noqa: E402
 from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate  # noqa: E402
+from tactile_dynamics_ros.sim.objects import planar_object  # noqa: E402
 from tactile_dynamics_ros.sim.planar.simulated_table import SimulatedTableConfig  # noqa: E402
-from tactile_dynamics_ros.sim.planar_objects import planar_object  # noqa: E402
 
 pytestmark = pytest.mark.slow
 NUMBER = 18

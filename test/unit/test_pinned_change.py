@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from tactile_dynamics_ros.core.discrepancy.change import clear_change, find_change
 from tactile_dynamics_ros.core.discrepancy.screening import Family, screen
+from tactile_dynamics_ros.core.discrepancy.signature import clear_change, find_change
 
 DRAWS = 200
 

@@ -7,11 +7,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
+from tactile_dynamics_ros.sim.objects import PlanarObject, PlanarPart
 from tactile_dynamics_ros.sim.planar.bed import GRAVITY, SINK, Surface, feet_of, uneven_friction
 from tactile_dynamics_ros.sim.planar.looking import Carriage
 from tactile_dynamics_ros.sim.planar.simulated_table import SimulatedTable, SimulatedTableConfig
 from tactile_dynamics_ros.sim.planar.table import TableWorld, outlines
-from tactile_dynamics_ros.sim.planar_objects import PlanarObject, PlanarPart
 from tactile_dynamics_ros.sim.sensors.depth_camera import DepthCamera, DepthCameraConfig
 
 SIDE, MASS, FRICTION = 0.1, 0.8, 0.3

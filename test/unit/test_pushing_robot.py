@@ -11,11 +11,11 @@ from tactile_dynamics_ros.core.planar.actions.straight import (
     straight_action,
 )
 from tactile_dynamics_ros.recording.pushed import PushedRecording, recorded_model
+from tactile_dynamics_ros.sim.objects import PlanarObject, PlanarPart
 from tactile_dynamics_ros.sim.planar.bed import GRAVITY, Surface, uneven_friction
 from tactile_dynamics_ros.sim.planar.pusher import Pusher, PusherConfig
 from tactile_dynamics_ros.sim.planar.simulated_table import SimulatedTableConfig
 from tactile_dynamics_ros.sim.planar.table import TableWorld
-from tactile_dynamics_ros.sim.planar_objects import PlanarObject, PlanarPart
 
 LENGTH, WIDTH, MASS, FRICTION = 0.12, 0.06, 0.8, 0.3
 CORNERS = 0.5 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * [LENGTH, WIDTH]

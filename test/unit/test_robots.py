@@ -15,8 +15,7 @@ from tactile_dynamics_ros.core.contact.contact_state import ContactState
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.manipulation.squeeze import held_by
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3
-from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
-from tactile_dynamics_ros.core.robot.joint_uncertainty import JointUncertaintyConfig
+from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics, JointUncertaintyConfig
 from tactile_dynamics_ros.core.robot.robot import column
 from tactile_dynamics_ros.core.robot.robot_file import description_topic, load_robot
 from tactile_dynamics_ros.core.tracking.robot_volume import RobotVolume

@@ -10,9 +10,9 @@ from numpy.testing import assert_allclose
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3, matrix_to_quaternion
 from tactile_dynamics_ros.core.robot.robot_file import load_robot
 from tactile_dynamics_ros.sim.sensors.depth_camera import DepthCamera, DepthCameraConfig, look_at
-from tactile_dynamics_ros.sim.sensors.fingertips import Fingertips
-from tactile_dynamics_ros.sim.sensors.robot_sensors import (
+from tactile_dynamics_ros.sim.sensors.fingertips import (
     EncoderConfig,
+    Fingertips,
     JointEncoders,
     MarkerTracker,
     MarkerTrackerConfig,

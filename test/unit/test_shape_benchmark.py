@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.shape.trial import run_trial
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.sim.planar_objects import planar_object
+from tactile_dynamics_ros.sim.objects import planar_object
 
 
 def test_an_object_is_the_same_whenever_it_is_drawn():

@@ -7,7 +7,7 @@ import pytest
 from free_body import POSE, attached, value, wrench_in_one_step
 from scipy.spatial.transform import Rotation
 
-from tactile_dynamics_ros.sim.contacts import ContactReading
+from tactile_dynamics_ros.sim.bodies import ContactReading
 from tactile_dynamics_ros.sim.hidden_effects import (
     CATALOGUED,
     OUTSIDE,

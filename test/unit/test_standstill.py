@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tactile_dynamics_ros.core.robot.joint_uncertainty import Standstill
+from tactile_dynamics_ros.core.robot.hand_kinematics import Standstill
 
 
 def since(positions, period=0.01):

@@ -17,7 +17,7 @@ from tactile_dynamics_ros.core.tracking.links.motion import LinkMotion, LinkMoti
 from tactile_dynamics_ros.core.tracking.links.table_tracker import TableTracker
 from tactile_dynamics_ros.core.tracking.robot_volume import TreeVolume
 from tactile_dynamics_ros.core.tracking.watch import TrackingState
-from tactile_dynamics_ros.sim.planar_objects import planar_object
+from tactile_dynamics_ros.sim.objects import planar_object
 
 AWAY = np.array([0.5, 0.0, 2.0, 0.0])
 

@@ -10,10 +10,10 @@ import pytest
 from benchmarks.biotac_press_rig import WARM_UP_PERIOD, calibrate_units, warm_up, write_frames
 from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
+from tactile_dynamics_ros.core.tactile.analytic_force import create_force_estimator
+from tactile_dynamics_ros.core.tactile.calibration import fit_thermal_drift
 from tactile_dynamics_ros.core.tactile.electrodes import ELECTRODES, PDC, TDC
-from tactile_dynamics_ros.core.tactile.estimators import create_force_estimator
 from tactile_dynamics_ros.core.tactile.fingertip import FingertipConfig
-from tactile_dynamics_ros.core.tactile.thermal_drift import fit_thermal_drift
 from tactile_dynamics_ros.sim.sensors.biotac import BioTacArray, BioTacConfig
 
 PAD = np.array([4e-3, 0.0, -5.7e-3])

@@ -9,8 +9,7 @@ import pytest
 
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor
-from tactile_dynamics_ros.core.weighing.arm import SerialArm
-from tactile_dynamics_ros.core.weighing.clearance import Plane, nearest
+from tactile_dynamics_ros.core.weighing.arm import Plane, SerialArm, nearest
 from tactile_dynamics_ros.core.weighing.excitation import WeighingConfig, plan_weighing
 
 pybullet = pytest.importorskip("pybullet")
@@ -132,7 +131,7 @@ def test_the_simulated_sensor_reads_what_a_rigid_body_does():
     """Independent of the estimator: places of every millisecond, differenced twice."""
     from tactile_dynamics_ros.core.rigid_body.rotation import log_so3
     from tactile_dynamics_ros.sim.carrying_arm import CarryingArm, CarryingArmConfig
-    from tactile_dynamics_ros.sim.sensors.robot_sensors import WristSensorConfig
+    from tactile_dynamics_ros.sim.sensors.fingertips import WristSensorConfig
 
     silent = {f.name: 0.0 for f in WristSensorConfig.__dataclass_fields__.values()}
     wrist = WristSensorConfig(**silent | {"filter_hz": 1000.0})
@@ -181,7 +180,7 @@ def test_what_is_kept_of_a_motion_is_read_as_the_load(tmp_path, simulated, iiwa)
     from tactile_dynamics_ros.core.inertia.estimate import estimate
     from tactile_dynamics_ros.recording import Recording
     from tactile_dynamics_ros.ros.arm_motion import Taken
-    from tactile_dynamics_ros.ros.weighed import keep
+    from tactile_dynamics_ros.ros.handover import keep
 
     simulated.set_load(True)
     for _ in range(100):

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W
 from tactile_dynamics_ros.core.rigid_body.newton_euler import inertia_map
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3, skew
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import gtsam
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.peers.paper_a.dynamics import (
     differentiate,
@@ -15,10 +14,9 @@ from benchmarks.peers.paper_a.dynamics import (
     regressor,
 )
 from benchmarks.peers.paper_a.parameters import phi_of_principal, phi_of_vector
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import pseudo_inertia
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, skew
-
-Array = NDArray[np.float64]
 
 VECTOR_KEY = gtsam.symbol("w", 0)
 AXES_KEY = gtsam.symbol("r", 0)

@@ -7,7 +7,6 @@ from typing import Literal
 
 import gtsam
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
 from benchmarks.peers.paper_a.dynamics import (
@@ -25,11 +24,10 @@ from benchmarks.peers.paper_a.factors import (
 )
 from benchmarks.peers.paper_a.parameters import principal_of_phi
 from benchmarks.peers.paper_a.time_steps import TimeSteps
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import inertia_vector
 from tactile_dynamics_ros.core.rigid_body.rotation import skew
-
-Array = NDArray[np.float64]
 
 Method = Literal["Baseline", "Baseline-FG", "No C, No G", "C, No G", "C + G"]
 METHODS: tuple[Method, ...] = ("Baseline", "Baseline-FG", "No C, No G", "C, No G", "C + G")

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import inertia_matrix, inertia_vector
 from tactile_dynamics_ros.core.rigid_body.rotation import skew
-
-Array = NDArray[np.float64]
 
 _SUMS = np.array([[0.0, 1.0, 1.0], [1.0, 0.0, 1.0], [1.0, 1.0, 0.0]])
 

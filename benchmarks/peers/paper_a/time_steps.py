@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.streams.streams import ContactStream, Streams, nearest_samples
-
-Array = NDArray[np.float64]
 
 _SAME_INSTANT = 0.5
 

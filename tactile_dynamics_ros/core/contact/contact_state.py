@@ -7,20 +7,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import cross, skew
-from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
-from tactile_dynamics_ros.core.robot.joint_uncertainty import JointUncertaintyConfig
+from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics, JointUncertaintyConfig
 from tactile_dynamics_ros.core.shape.skin_surface import (
     point_from_wrench,
     point_under_force,
     skin_normal,
 )
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

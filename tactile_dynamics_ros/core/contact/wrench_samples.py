@@ -11,9 +11,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.rigid_body.rotation import cross
-
-Array = NDArray[np.float64]
 
 GRAVITY_W = np.array([0.0, 0.0, -9.81])
 """Acceleration of gravity, m/s^2, world axes (z up). One value for all places: the true one differs

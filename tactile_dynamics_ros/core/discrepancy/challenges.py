@@ -12,10 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from tactile_dynamics_ros.core.discrepancy.change import find_change
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import ResidualModel
 from tactile_dynamics_ros.core.discrepancy.screening import Score, best_by_effect, screen
 from tactile_dynamics_ros.core.discrepancy.search import Step
+from tactile_dynamics_ros.core.discrepancy.signature import find_change
 from tactile_dynamics_ros.core.discrepancy.trials import (
     Trial,
     dispersion,

@@ -8,19 +8,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.discrepancy.diagnosis import Diagnosis, diagnose
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
     Condition,
     ResidualModel,
     Residuals,
 )
-from tactile_dynamics_ros.core.discrepancy.regimes.energy import ErrorRegime, find_error_regime
+from tactile_dynamics_ros.core.discrepancy.regimes.step import ErrorRegime, find_error_regime
 from tactile_dynamics_ros.core.discrepancy.structure import window_index
 from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import Assessment
 from tactile_dynamics_ros.core.discrepancy.verdict.judgement import Judgement, judge
 from tactile_dynamics_ros.core.discrepancy.verdict.materiality import Trace
-
-Array = NDArray[np.float64]
 
 _THIRD = 1.0 / 3.0
 """Share of the samples in which a condition is called low or high: thirds leave a middle between

@@ -9,13 +9,11 @@ from pathlib import Path
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.discrepancy.documents import Document
 from tactile_dynamics_ros.core.errors import BadInputError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,13 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Family, ResidualModel
 from tactile_dynamics_ros.core.discrepancy.structure import Index, window_rows, window_starts
-
-Array = NDArray[np.float64]
 
 _WINDOW = 0.5
 """Length of the windows whose sums give the variance of a score, s: residuals are correlated over

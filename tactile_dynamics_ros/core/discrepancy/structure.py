@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 from scipy.special import fdtrc
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Residuals
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 

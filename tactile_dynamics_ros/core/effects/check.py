@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W, WrenchSamples
 from tactile_dynamics_ros.core.contract import CheckReport, central_differences
 from tactile_dynamics_ros.core.effects.effect import Effect
@@ -17,8 +17,6 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
 )
 from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, skew, twice
-
-Array = NDArray[np.float64]
 
 _TOLERANCE = 5e-3
 """Difference between a derivative and its finite difference, as a share of the largest entry of the

@@ -6,13 +6,11 @@ from abc import ABC, abstractmethod
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter, ParameterSum
 from tactile_dynamics_ros.core.errors import BadInputError
-
-Array = NDArray[np.float64]
 
 _NO_LOAD = np.zeros(10)
 """Dynamic parameters of no body, for laws that do not depend on them and for effects that add none.

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
-Array = NDArray[np.float64]
+from tactile_dynamics_ros.core.array import Array
 
 _GAP = 1.8
 """Steps longer than so many periods are gaps if they are longer than `_SHORT`: one lost sample

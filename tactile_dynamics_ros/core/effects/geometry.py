@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples, once_per_motion
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3, skew
-
-Array = NDArray[np.float64]
 
 AXES = "xyz"
 """Components of vectors, as they end the names of parameters. Other endings would break names that

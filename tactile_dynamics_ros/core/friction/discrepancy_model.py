@@ -9,8 +9,8 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.discrepancy.model.least_squares import LeastSquaresModel
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Condition, Family, Residuals
@@ -18,7 +18,6 @@ from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.friction.effects import FRICTION, FrictionEffect
 from tactile_dynamics_ros.core.friction.slip_log import LEAST_SPEED, SlipTable, slip_scalars
 
-Array = NDArray[np.float64]
 OfSlips = Callable[[SlipTable], Array]
 """Forces (N, 2) of slips, N: static and kinetic."""
 

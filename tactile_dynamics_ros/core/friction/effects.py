@@ -8,14 +8,12 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.effects.catalogue import CatalogueEntry, entry_of
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
-from tactile_dynamics_ros.core.effects.registry import EffectRegistry
+from tactile_dynamics_ros.core.effects.registry import CatalogueEntry, EffectRegistry, entry_of
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.friction.slip_log import SlipTable, slip_scalars
 from tactile_dynamics_ros.core.numerics.regime import Regime
-
-Array = NDArray[np.float64]
 
 REFERENCE_SPEED = 5e-3
 """Speed of sliding at which `velocity_weakening` leaves the kinetic coefficient as it is, m/s; the

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
-from tactile_dynamics_ros.core.friction.cone import probing_angles, tangent_basis
 from tactile_dynamics_ros.core.friction.estimate import (
     FrictionEstimate,
     SlipEvent,
@@ -17,14 +16,14 @@ from tactile_dynamics_ros.core.friction.probe_config import (
     FrictionProbeConfig,
     ProbeInput,
     ProbePhase,
+    probing_angles,
+    tangent_basis,
 )
 from tactile_dynamics_ros.core.friction.slip_detection import SlipFusion, SlipObservation, SlipState
 from tactile_dynamics_ros.core.friction.slip_log import Attempt, SlipLog
 from tactile_dynamics_ros.core.rigid_body.rotation import align_points
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.shape.friction_regions import ObjectSurface, SurfacePlace
-
-Array = NDArray[np.float64]
 
 _RAMPS = (ProbePhase.LOAD, ProbePhase.UNLOAD, ProbePhase.DRAG)
 """Phases in which a slip is waited for, as the force changes; an alarm in any other is ignored."""

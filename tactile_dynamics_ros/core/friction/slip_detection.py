@@ -6,13 +6,12 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.tactile.electrodes import ELECTRODES
 from tactile_dynamics_ros.core.tactile.signal_change import check_frame
-
-Array = NDArray[np.float64]
 
 _SMOOTHING = 0.3
 """Share by which smoothed electrodes follow a frame: an average of about three frames, 30 ms at 100

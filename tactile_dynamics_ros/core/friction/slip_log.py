@@ -8,10 +8,9 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.friction.estimate import SlipEvent
-
-Array = NDArray[np.float64]
 
 _REACH = 0.45
 """Time before an alarm, s, in which the slip is sought: several times what detection takes. Longer

@@ -21,7 +21,7 @@ from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEs
 from tactile_dynamics_ros.core.inertia.batch.pose_noise_bias import widen_by_pose_noise
 from tactile_dynamics_ros.core.inertia.diagnosis.readings import fit_with_readings
 from tactile_dynamics_ros.core.inertia.shape_prior import ShapePrior
-from tactile_dynamics_ros.core.shape.hull import CentreHull, keep_in_hull
+from tactile_dynamics_ros.core.shape.solid import CentreHull, keep_in_hull
 from tactile_dynamics_ros.core.streams.streams import Streams
 
 if TYPE_CHECKING:

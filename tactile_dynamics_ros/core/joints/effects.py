@@ -11,9 +11,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tactile_dynamics_ros.core.effects.catalogue import CatalogueEntry, entry_of
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
-from tactile_dynamics_ros.core.effects.registry import EffectRegistry
+from tactile_dynamics_ros.core.effects.registry import CatalogueEntry, EffectRegistry, entry_of
 from tactile_dynamics_ros.core.joints.situation import Situation
 
 Array = NDArray[np.float64]

@@ -6,17 +6,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.manipulation.excitation import CartesianOffsets
 from tactile_dynamics_ros.core.manipulation.inverse_kinematics import solve_arm
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.robot.robot import Robot, column
-
-Array = NDArray[np.float64]
 
 SPEED_SHARE = 0.9
 """Share of each arm joint's speed limit that paths may use, so that following a path never

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.reading import read_json
-
-Array = NDArray[np.float64]
 
 # time (s) -> (6,) [rotation vector (rad), translation (m)] in world axes, zero at start and end
 CartesianOffsets = Callable[[float], Array]

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.manipulation.arm_path import (
@@ -30,8 +30,6 @@ from tactile_dynamics_ros.core.manipulation.grasp_planner import (
 )
 from tactile_dynamics_ros.core.manipulation.squeeze import Squeeze, SqueezeConfig, held_by
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
-
-Array = NDArray[np.float64]
 
 
 class Phase(Enum):

@@ -9,12 +9,11 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.rigid_body.rotation import cross, log_so3
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.robot.kinematic_tree import coupling
 from tactile_dynamics_ros.core.robot.robot import Joint, Robot, column
-
-Array = NDArray[np.float64]
 
 LIMIT_MARGIN = 0.02
 """Distance from the limits of joints that turn, rad, that solutions keep: 1.1 deg, more than the

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from scipy.linalg import blas, lapack
 from scipy.sparse import bsr_array
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
-
-Array = NDArray[np.float64]
 
 BLOCK = 6
 """Numbers of one sample: the six of a wrench residual, torque and force. With another number blocks

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, cho_solve_banded, cholesky_banded
 
-Array = NDArray[np.float64]
+from tactile_dynamics_ros.core.array import Array
 
 _GROWTH, _SHRINK = 6.0, 0.15
 """By what damping grows after a step that failed and shrinks after one that succeeded; they change

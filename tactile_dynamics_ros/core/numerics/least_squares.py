@@ -12,13 +12,11 @@ from collections.abc import Callable
 from typing import Generic, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import lapack
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.numerics.banded import BLOCK
 from tactile_dynamics_ros.core.numerics.stream_whitening import sliding_rows
-
-Array = NDArray[np.float64]
 
 Evaluate = Callable[[Array], tuple[Array, Array]]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from tactile_dynamics_ros.core.array import Array
 
 _WITHOUT_GAPS = 99.0
 """Percentile of steps up to which their mean counts: the largest 1 % may be gaps, which would make

@@ -9,14 +9,13 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter, uniform_filter
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.rigid_body.rotation import accumulated_rotation
 from tactile_dynamics_ros.core.streams.streams import (
     ContactStream,
     between_turns,
     nearest_samples,
 )
-
-Array = NDArray[np.float64]
 
 _ORDER = 6
 """Order of the differences in which noise is seen. Of a force of 4 Hz at 100 Hz sixth differences

@@ -6,12 +6,10 @@ from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import as_strided
-from numpy.typing import NDArray
 from scipy.linalg import lapack
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.numerics.banded import BLOCK, VARIANCE_FLOOR
-
-Array = NDArray[np.float64]
 
 
 class RollingTable:

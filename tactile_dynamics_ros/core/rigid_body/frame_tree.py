@@ -6,12 +6,10 @@ from bisect import bisect_left, insort
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError, nearest
 from tactile_dynamics_ros.core.rigid_body.rotation import inverse_pose, turned_between
-
-Array = NDArray[np.float64]
 
 _KEPT = 10.0
 """Span for which moving frames are kept, s, as tf2 keeps them: what is asked about is never older

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.rigid_body.rotation import skew
-
-Array = NDArray[np.float64]
 
 _INERTIA_MAP = np.zeros((3, 18))
 """Where each component of v stands in K(v), I v = K(v) [I_xx, ..., I_zz]; (3, 18). Fixed by the

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from tactile_dynamics_ros.core.array import Array
 
 _SMALL_ANGLE = 1e-6
 """Sine of an angle (rad) below which the logarithm is its first-order form; that is off by a sixth

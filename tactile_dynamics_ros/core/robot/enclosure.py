@@ -8,16 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from urdf_parser_py import urdf as parser
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.reading import read_mesh
 from tactile_dynamics_ros.core.rigid_body.rotation import pose_of
 from tactile_dynamics_ros.core.robot.kinematic_tree import parse_urdf
 from tactile_dynamics_ros.core.robot.robot import Robot
 from tactile_dynamics_ros.share import find_package_file
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

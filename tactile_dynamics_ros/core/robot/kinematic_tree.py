@@ -9,15 +9,13 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 from urdf_parser_py import urdf as parser
 from urdf_parser_py.xml_reflection import core as reflection
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, pose_of
 from tactile_dynamics_ros.core.robot.robot import Following, Joint
-
-Array = NDArray[np.float64]
 
 _TURNING, _SLIDING = ("revolute", "continuous"), ("prismatic",)
 """Types of joints in a URDF that move along or about one axis; one that moves otherwise (planar,

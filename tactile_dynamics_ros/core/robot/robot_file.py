@@ -9,16 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.reading import read_text, read_yaml
 from tactile_dynamics_ros.core.rigid_body.rotation import rpy_to_matrix
 from tactile_dynamics_ros.core.robot.kinematic_tree import chain, coupling, read_tree, refuse_shared
 from tactile_dynamics_ros.core.robot.robot import Finger, Fingertips, GraspHabit, Joint, Robot
 from tactile_dynamics_ros.share import find_package_file, share_file
-
-Array = NDArray[np.float64]
 
 DEFAULT_ROBOT = "allegro_iiwa"
 """Robot of those who name none: KUKA LBR iiwa 14 with a right Allegro hand and four BioTacs, for

@@ -8,13 +8,11 @@ from typing import Any
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.reading import read_mesh
 from tactile_dynamics_ros.core.rigid_body.rotation import described_pose
-
-Array = NDArray[np.float64]
 
 WHOLE = "body"
 """Name of everything that lies in no named region. It is written in files and messages: another

@@ -13,11 +13,11 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.reading import read_mesh, read_yaml, require_file
 from tactile_dynamics_ros.core.rigid_body.rotation import described_pose, exp_so3, rpy_to_matrix
 
-Array = NDArray[np.float64]
 Triangles: TypeAlias = Any
 """A trimesh.Trimesh; the library is not typed."""
 

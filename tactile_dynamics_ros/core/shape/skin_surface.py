@@ -6,11 +6,9 @@ Source: facts of the sensor's geometry (half cylinder for x < 0, sphere for x > 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.rigid_body.rotation import cross
-
-Array = NDArray[np.float64]
 
 SKIN_RADIUS = 0.007
 """Radius of the idealised skin of a BioTac, m. Source: skin-projected electrodes of TAMS. It is

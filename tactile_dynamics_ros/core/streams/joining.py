@@ -9,10 +9,10 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.streams.streams import ContactStream, ImuStream, PoseStream, Streams
 
-Array = NDArray[np.float64]
 Rows: TypeAlias = slice | NDArray[np.bool_]
 
 

@@ -6,11 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
-
-Array = NDArray[np.float64]
 
 _PAUSE = 10.0
 """Pause between recordings that are joined, s: nothing is derived across it."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.streams.streams import (
     ContactSample,
@@ -16,8 +16,6 @@ from tactile_dynamics_ros.core.streams.streams import (
     PoseStream,
     Streams,
 )
-
-Array = NDArray[np.float64]
 
 _RESTARTED = 1.0
 """Age, s, of a stamp against the newest from which its stream begins anew: clocks restart, samples

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 ASSUMED_ROTATION_STD = 1e-3

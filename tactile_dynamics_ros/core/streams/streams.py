@@ -11,9 +11,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.rigid_body.rotation import turned_between
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,8 @@ biotac_gazebo_plugin (identical tables).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from tactile_dynamics_ros.core.array import Array
 
 CHANNELS = 44
 """Numbers of a frame: E1 to E19, PDC, TDC, TAC, PAC0 to PAC21. Fixed by the sensor; messages of

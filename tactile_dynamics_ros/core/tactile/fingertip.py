@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.rigid_body.rotation import cross
@@ -26,7 +27,6 @@ from tactile_dynamics_ros.core.tactile.signal_change import (
 )
 from tactile_dynamics_ros.core.tactile.slip import Debounced
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 

@@ -12,10 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.tactile.electrodes import CHANNELS, ELECTRODES, FULL_SCALE, PDC, TDC
-
-Array = NDArray[np.float64]
 
 PATTERN_FLOOR = 0.3
 """Signal size (hundreds of counts) below which the pattern fades into noise: 30 counts, ten times

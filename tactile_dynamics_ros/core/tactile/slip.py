@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.signal import butter, sosfilt
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.tactile.electrodes import PAC
 from tactile_dynamics_ros.core.tactile.signal_change import check_frame
@@ -41,8 +42,6 @@ class Debounced:
         self.streak = np.where(flips, 0, streak)
         return self.on
 
-
-Array = NDArray[np.float64]
 
 PAC_RATE = 2200.0
 """Rate of the dynamic pressure, Hz: 22 samples per frame of 100 Hz. Source: SynTouch, BioTac. Fixed

@@ -8,6 +8,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
 
@@ -54,7 +55,6 @@ def _spread(mask: Mask, reach: int) -> Mask:
     return spread
 
 
-Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
 SPECK_STEP = 0.01

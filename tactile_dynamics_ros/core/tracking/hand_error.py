@@ -14,8 +14,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3
 from tactile_dynamics_ros.core.streams.streams import (
     ContactStream,
@@ -23,8 +23,6 @@ from tactile_dynamics_ros.core.streams.streams import (
     Streams,
     nearest_samples,
 )
-
-Array = NDArray[np.float64]
 
 JOINT_TURN, JOINT_SHIFT = np.deg2rad(0.8), 2.5e-3
 """What joints may turn and shift the object by, rad and m; at twice as much all of it is slip.

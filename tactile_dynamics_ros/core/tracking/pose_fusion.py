@@ -23,13 +23,11 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3, twice
-
-Array = NDArray[np.float64]
 
 _ITERATIONS = 10
 """Steps to the mean rotation, at most. They end earlier when a step is below 1e-12 rad: after four

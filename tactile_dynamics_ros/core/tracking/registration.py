@@ -25,22 +25,25 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.special import ndtr
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.rigid_body.rotation import cross, exp_so3, twice
 from tactile_dynamics_ros.core.shape.object_shape import ObjectShape
 from tactile_dynamics_ros.core.tracking.depth_image import DepthNoiseConfig
-from tactile_dynamics_ros.core.tracking.drawing import (
+from tactile_dynamics_ros.core.tracking.fit import (
+    GRAZING,
     Drawing,
+    Fit,
     Outline,
     draw,
     draw_outline,
+    judge,
     keep_contested,
+    pivot_of,
     trace,
 )
-from tactile_dynamics_ros.core.tracking.fit import GRAZING, Fit, judge, pivot_of
 from tactile_dynamics_ros.core.tracking.scene import Scene
 
-Array = NDArray[np.float64]
 Selection = TypeVar("Selection", NDArray[np.float64], NDArray[np.intp])
 
 PLANAR = (2, 3, 4)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.rigid_body.rotation import (
     exp_so3,
@@ -26,8 +27,6 @@ from tactile_dynamics_ros.core.tracking.depth_image import DepthNoiseConfig
 from tactile_dynamics_ros.core.tracking.fit import Fit
 from tactile_dynamics_ros.core.tracking.registration import Registration, RegistrationConfig
 from tactile_dynamics_ros.core.tracking.scene import Scene, crop_scene
-
-Array = NDArray[np.float64]
 
 CELL = 0.015
 """Edge of the cells, m, by which points are joined to groups: points up to two cells apart belong

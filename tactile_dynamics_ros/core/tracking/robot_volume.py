@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.robot.enclosure import Box, boxes_around, enclosing_boxes
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandConfiguration, HandKinematics
@@ -17,8 +18,6 @@ from tactile_dynamics_ros.core.robot.kinematic_tree import (
     position_of,
     read_tree,
 )
-
-Array = NDArray[np.float64]
 
 _TIP_CENTRES = np.array([[0.0, 0.0, 0.0], [-0.007, 0.0, 0.0], [-0.014, 0.0, 0.0]])
 """Centres of the spheres that enclose a round fingertip, m, sensor frame: from the tip's to the end

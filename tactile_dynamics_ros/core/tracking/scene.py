@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.tracking.depth_image import (
     DepthNoiseConfig,
     Image,
@@ -19,7 +20,6 @@ from tactile_dynamics_ros.core.tracking.depth_image import (
 )
 from tactile_dynamics_ros.core.tracking.robot_volume import Volume
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 ROBOT_TOLERANCE = 5e-3

@@ -12,8 +12,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.rigid_body.rotation import skew, twice
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.shape.object_shape import ObjectShape
@@ -31,8 +31,6 @@ from tactile_dynamics_ros.core.tracking.watch import (
     VisionTrackerConfig,
     Watch,
 )
-
-Array = NDArray[np.float64]
 
 
 class VisionTracker:

@@ -6,17 +6,14 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.tracking.depth_image import DepthNoiseConfig
 from tactile_dynamics_ros.core.tracking.fit import Fit
 from tactile_dynamics_ros.core.tracking.links.motion import LinkMotionConfig
 from tactile_dynamics_ros.core.tracking.registration import RegistrationConfig
 from tactile_dynamics_ros.core.tracking.relocalisation import RelocalisationConfig
-
-Array = NDArray[np.float64]
-
 
 NEAR = 0.9
 """Score of a prediction from which on it needs only the last steps of the alignment. Higher repeats

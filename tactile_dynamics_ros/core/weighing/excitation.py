@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.inertia.excitation.design import InertiaCriterion, search_motion
@@ -18,10 +18,7 @@ from tactile_dynamics_ros.core.inertia.excitation.trajectory import (
 )
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor
-from tactile_dynamics_ros.core.weighing.arm import SerialArm
-from tactile_dynamics_ros.core.weighing.clearance import Nearest, Plane, nearest
-
-Array = NDArray[np.float64]
+from tactile_dynamics_ros.core.weighing.arm import Nearest, Plane, SerialArm, nearest
 
 _SINES = 3
 """Frequencies of each joint. One alone would move the joints in step; five make the plan slower and

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion, quaternion_to_matrix
 from tactile_dynamics_ros.core.streams.streams import between_turns
@@ -27,8 +27,6 @@ from tactile_dynamics_ros.recording.importers.bag_reader import (
 )
 from tactile_dynamics_ros.recording.importers.tables import Table
 from tactile_dynamics_ros.recording.topics import NO_STAMPS, RECEIVE
-
-Array = NDArray[np.float64]
 
 TF, TF_STATIC = "/tf", "/tf_static"
 """Topics of frames; that of those which never move is looked at too."""

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.reading import read_yaml
@@ -26,8 +25,6 @@ from tactile_dynamics_ros.recording.importers.tables import Table, read_any_tabl
 from tactile_dynamics_ros.recording.importers.worlds import WORLD_KEYS, World, read_world
 from tactile_dynamics_ros.recording.pushed import PushedRecording, Support
 from tactile_dynamics_ros.recording.recording import Recording
-
-Array = NDArray[np.float64]
 
 SECTIONS = WORLD_KEYS | frozenset(
     ["object_pose", "object_imu", "contacts", "contact_frame", "static_poses", "link_2_pose"]

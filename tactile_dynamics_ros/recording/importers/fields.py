@@ -7,13 +7,11 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.recording.importers.clock import seconds_of_words
 from tactile_dynamics_ros.recording.importers.tables import Table
-
-Array = NDArray[np.float64]
 
 _LBF = 4.4482216152605
 """Newtons of a pound of force."""

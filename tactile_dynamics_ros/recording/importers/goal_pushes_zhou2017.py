@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.options import COUNT_OR_NONE
 from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
@@ -15,8 +16,6 @@ from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, Pu
 from tactile_dynamics_ros.core.reading import open_arrays
 from tactile_dynamics_ros.recording.importers.importer import Importer
 from tactile_dynamics_ros.recording.pushed import PushedRecording
-
-Array = NDArray[np.float64]
 
 _LOST = "poses lost by the tracker (stored as zeros), left out"
 _LEAST_SIDE = 0.02

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.reading import read_text
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
@@ -23,8 +23,6 @@ from tactile_dynamics_ros.recording.importers.bag_reader import BagReader
 from tactile_dynamics_ros.recording.importers.bag_tables import is_bag
 from tactile_dynamics_ros.recording.importers.fields import UNITS
 from tactile_dynamics_ros.recording.importers.tables import Table
-
-Array = NDArray[np.float64]
 
 KEYS = frozenset(["joints", "urdf", "frame", "base"])
 """Keys of a section whose pose comes from joint angles."""

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.options import FINITE
 from tactile_dynamics_ros.core.rigid_body.rotation import nearest_rotation, skew
@@ -26,7 +27,6 @@ from tactile_dynamics_ros.recording.recording import Recording
 if TYPE_CHECKING:
     from scipy.spatial.transform import RotationSpline
 
-Array = NDArray[np.float64]
 
 STANDARD_GRAVITY = 9.80665
 GRAVITY_W = np.array([0.0, 0.0, -9.81])

@@ -6,8 +6,8 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
 from tactile_dynamics_ros.core.planar.mechanics.outline import edge_normals, nearest_edge
@@ -15,8 +15,6 @@ from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, Pu
 from tactile_dynamics_ros.core.reading import open_arrays, read_json
 from tactile_dynamics_ros.recording.importers.importer import Importer
 from tactile_dynamics_ros.recording.pushed import PushedRecording
-
-Array = NDArray[np.float64]
 
 TIP_RADIUS = 0.00475
 """Radius of the pusher, m, documented for the hexagon; assumed for the blocks, where twice as much

@@ -6,16 +6,14 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.options import COUNT_OR_NONE
 from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, PushedStreams
 from tactile_dynamics_ros.core.reading import open_arrays
 from tactile_dynamics_ros.recording.importers.importer import Importer
 from tactile_dynamics_ros.recording.pushed import PushedRecording
-
-Array = NDArray[np.float64]
 
 BLOCK = np.array([[0.0, 0.0], [0.15, 0.0], [0.0, 0.15]])
 """Corners in the frame that was tracked, m: legs of 150 mm at the right angle."""

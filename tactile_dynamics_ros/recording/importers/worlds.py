@@ -7,13 +7,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import upright
 from tactile_dynamics_ros.recording.importers.fields import constant_rotation
-
-Array = NDArray[np.float64]
 
 WORLD_KEYS = frozenset(["world_rotation", "gravity", "mirrored_world"])
 """Keys of a mapping that say how its world lies."""

@@ -7,16 +7,14 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, PushedStreams
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 from tactile_dynamics_ros.core.streams.streams import ContactStream, PoseStream
 from tactile_dynamics_ros.recording.arrays import start_at_zero, streams_from_arrays
 from tactile_dynamics_ros.recording.cleaning import ProblemLog
-
-Array = NDArray[np.float64]
 
 GRAVITY_W = np.array([0.0, 0.0, -9.81])
 

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rosbags.typesys import Stores, get_typestore
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.planar.joining import join_pushes
 from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, PushedStreams
@@ -32,8 +32,6 @@ from tactile_dynamics_ros.recording.pushed import writer as names
 from tactile_dynamics_ros.recording.pushed.arrays import Support, anticlockwise, pushes_from_arrays
 from tactile_dynamics_ros.recording.pushed.writer import write_pushed
 from tactile_dynamics_ros.recording.topics import PoseColumns, WrenchColumns
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, repr=False)

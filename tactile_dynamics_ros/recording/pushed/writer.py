@@ -7,9 +7,9 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from rosbags.typesys import Stores, get_typestore
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, PushedStreams
 from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion
 from tactile_dynamics_ros.recording import topics
@@ -57,9 +57,6 @@ def marks_a_push(names: Iterable[str]) -> bool:
     """Whether topics, in any namespace, are a footprint, a support or a pusher."""
     marks = (link_topic(0, "footprint"), SUPPORT_POSE, PUSHER_POSE)
     return any(name.endswith(marks) for name in names)
-
-
-Array = NDArray[np.float64]
 
 
 def write_pushed(streams: PushedStreams, path: Path, epoch_ns: int = 0) -> Path:

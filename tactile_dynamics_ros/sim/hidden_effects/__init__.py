@@ -11,7 +11,7 @@ import zlib
 import numpy as np
 
 from tactile_dynamics_ros.core.errors import BadInputError, nearest
-from tactile_dynamics_ros.sim.hidden_effects import forces, masses, outside, touch
+from tactile_dynamics_ros.sim.hidden_effects import forces, outside, touch
 from tactile_dynamics_ros.sim.hidden_effects.base import HiddenEffect, Plant, SensorView
 
 _EFFECTS: tuple[type[HiddenEffect], ...] = (
@@ -22,10 +22,10 @@ _EFFECTS: tuple[type[HiddenEffect], ...] = (
     forces.HangingCable,
     forces.UnsensedContact,
     forces.SpinningRotor,
-    masses.SloshingMass,
-    masses.AddedMass,
-    masses.MassChange,
-    masses.GravityTilt,
+    forces.SloshingMass,
+    forces.AddedMass,
+    forces.MassChange,
+    forces.GravityTilt,
     touch.ContactTorsion,
     touch.ContactOffset,
     touch.ForceBias,

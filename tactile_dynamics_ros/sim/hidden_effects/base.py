@@ -7,11 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tactile_dynamics_ros.sim.contacts import ContactReading
-
-Array = NDArray[np.float64]
+from tactile_dynamics_ros.core.array import Array
+from tactile_dynamics_ros.sim.bodies import ContactReading
 
 
 class Plant(Protocol):

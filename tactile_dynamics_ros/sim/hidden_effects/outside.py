@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from tactile_dynamics_ros.sim.contacts import ContactReading
+from tactile_dynamics_ros.sim.bodies import ContactReading
 from tactile_dynamics_ros.sim.hidden_effects.base import (
     Array,
     HiddenEffect,

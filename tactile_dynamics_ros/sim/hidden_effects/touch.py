@@ -10,7 +10,7 @@ import numpy as np
 import pybullet
 from scipy.spatial.transform import Rotation
 
-from tactile_dynamics_ros.sim.contacts import ContactReading
+from tactile_dynamics_ros.sim.bodies import ContactReading
 from tactile_dynamics_ros.sim.hidden_effects.base import (
     Array,
     HiddenEffect,

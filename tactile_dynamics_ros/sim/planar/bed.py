@@ -6,11 +6,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.rigid_body.rotation import skew
 
-Array = NDArray[np.float64]
 FrictionMap = Callable[[Array], Array]
 """Factor on the coefficient of friction at places (K, 2) of the table."""
 

@@ -11,18 +11,16 @@ from typing import Any
 import numpy as np
 import pybullet
 import trimesh
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.rigid_body.rotation import inverse_pose
 from tactile_dynamics_ros.sim.bodies import (
     SHAPE_COLOUR,
     from_matrix,
     principal_frame,
 )
+from tactile_dynamics_ros.sim.objects import PlanarObject, PlanarPart, prism
 from tactile_dynamics_ros.sim.planar.bed import SINK, Bed, Surface, feet_of, gathered
-from tactile_dynamics_ros.sim.planar_objects import PlanarObject, PlanarPart, prism
-
-Array = NDArray[np.float64]
 
 BASE = -1
 LEVER = np.array([0.05, 0.0, 0.0])

@@ -9,18 +9,15 @@ from typing import Any
 
 import numpy as np
 import pybullet
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError, nearest
-from tactile_dynamics_ros.sim.bodies import TABLE_CENTRE
-from tactile_dynamics_ros.sim.contacts import ContactReading
+from tactile_dynamics_ros.sim.bodies import TABLE_CENTRE, ContactReading
 from tactile_dynamics_ros.sim.hidden_effects.base import quantity
 from tactile_dynamics_ros.sim.planar import influences
 from tactile_dynamics_ros.sim.planar.bed import GRAVITY
 from tactile_dynamics_ros.sim.planar.table import TableWorld
-
-Array = NDArray[np.float64]
 
 _AIR = 0.01
 """Gap to another object over the length of the face that they share: a millimetre of 100 mm, so

@@ -6,12 +6,10 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.sim.planar.bed import GRAVITY
 from tactile_dynamics_ros.sim.planar.table import TableWorld
-
-Array = NDArray[np.float64]
 
 _SLOW = 0.005
 """Speed, m/s, below which the rubbing of wheels and loose weights fades: their forces act a step

@@ -12,6 +12,7 @@ import numpy as np
 import pybullet
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.network.noise import CROP, depth_crop
 from tactile_dynamics_ros.core.planar.network.noise_features import Looked
 from tactile_dynamics_ros.core.rigid_body.rotation import (
@@ -25,10 +26,8 @@ from tactile_dynamics_ros.core.tracking.depth_image import PinholeCamera
 from tactile_dynamics_ros.core.tracking.links.link_tracker import Link
 from tactile_dynamics_ros.core.tracking.links.table_tracker import TableTracker
 from tactile_dynamics_ros.core.tracking.watch import Sighting, VisionTrackerConfig
-from tactile_dynamics_ros.sim.planar_objects import prism
+from tactile_dynamics_ros.sim.objects import prism
 from tactile_dynamics_ros.sim.sensors.depth_camera import DepthCamera, DepthCameraConfig, look_at
-
-Array = NDArray[np.float64]
 
 TURN_RATE = 1.0
 """Largest rate at which the camera turns, rad/s: as arms turn a wrist. Half of it doubles the time

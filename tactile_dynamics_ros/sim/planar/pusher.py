@@ -5,18 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.manipulation.inverse_kinematics import solve_arm
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
 from tactile_dynamics_ros.core.robot.robot_file import load_robot
-from tactile_dynamics_ros.sim.contacts import ContactReading
+from tactile_dynamics_ros.sim.bodies import ContactReading
 from tactile_dynamics_ros.sim.planar.table import TableWorld
 from tactile_dynamics_ros.sim.planar.touch import Skin, Touch, sides_of
-
-Array = NDArray[np.float64]
 
 PUSHER, PADS = "pusher", ("pad_left", "pad_right")
 PAD_ROW, PAD_EDGE = np.array([-0.006, 0.0, 0.006]), 0.0015

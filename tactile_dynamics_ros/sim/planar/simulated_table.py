@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.sim.objects import PlanarObject, last_number, planar_object
 from tactile_dynamics_ros.sim.planar.bed import Surface, uneven_friction
 from tactile_dynamics_ros.sim.planar.hidden_effects import HiddenPushEffect, hide, known_effect
 from tactile_dynamics_ros.sim.planar.looking import Carriage
@@ -22,12 +24,9 @@ from tactile_dynamics_ros.sim.planar.table import (
     scattered,
 )
 from tactile_dynamics_ros.sim.planar.touch import Felt, TouchSensorConfig, TouchSensors
-from tactile_dynamics_ros.sim.planar_objects import PlanarObject, last_number, planar_object
 from tactile_dynamics_ros.sim.sensors.depth_camera import DepthCamera, DepthCameraConfig, look_at
-from tactile_dynamics_ros.sim.sensors.robot_sensors import MarkerTracker, MarkerTrackerConfig
+from tactile_dynamics_ros.sim.sensors.fingertips import MarkerTracker, MarkerTrackerConfig
 from tactile_dynamics_ros.sim.simulated_robot import is_due, silenced
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,15 +8,13 @@ from typing import Any
 
 import numpy as np
 import pybullet
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 from tactile_dynamics_ros.sim.bodies import TABLE_CENTRE, TABLE_HALF_SIZE, Engine
+from tactile_dynamics_ros.sim.objects import PlanarObject, PlanarPart
 from tactile_dynamics_ros.sim.planar.bed import GRAVITY, Surface, feet_of
 from tactile_dynamics_ros.sim.planar.body import PlanarBody
-from tactile_dynamics_ros.sim.planar_objects import PlanarObject, PlanarPart
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,13 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.sim.contacts import ContactReading
+from tactile_dynamics_ros.sim.bodies import ContactReading
 from tactile_dynamics_ros.sim.planar.body import PlanarBody
 from tactile_dynamics_ros.sim.planar.table import Outline, outlines
-
-Array = NDArray[np.float64]
-
 
 BURIED = 0.002
 """Depth of the middle of a rounded point in an outline, m, at which it stands on the object instead

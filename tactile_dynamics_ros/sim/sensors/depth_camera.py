@@ -10,11 +10,11 @@ import numpy as np
 import pybullet
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 
-Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
 BASELINES = {"xtion": 0.075, "zed2i": 0.12}

@@ -7,16 +7,15 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri, ndtri
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contract import CheckReport, central_differences
 from tactile_dynamics_ros.core.discrepancy.model.least_squares import LeastSquaresModel
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Family, instants
 from tactile_dynamics_ros.core.discrepancy.screening import orthonormal, screen
 from tactile_dynamics_ros.core.discrepancy.trials import square, try_effect
 
-Array = NDArray[np.float64]
 AnyModel = LeastSquaresModel[Any]
 Test = tuple[str, Callable[[], list[str]]]
 

@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import Any, ClassVar, Generic, Protocol, Self, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contract import central_differences
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
     Condition,
@@ -21,8 +21,6 @@ from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
 )
 from tactile_dynamics_ros.core.discrepancy.screening import orthonormal
 from tactile_dynamics_ros.core.numerics.least_squares import levenberg_marquardt
-
-Array = NDArray[np.float64]
 
 _STEP = 1e-5
 """Step of central differences in units of each parameter's scale: their error grows as its square,

@@ -10,9 +10,8 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from tactile_dynamics_ros.core.array import Array
 
 ParameterTable = dict[str, dict[str, dict[str, Any]]]
 

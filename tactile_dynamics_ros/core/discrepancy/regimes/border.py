@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
     Condition,
     Family,
@@ -19,8 +20,6 @@ from tactile_dynamics_ros.core.discrepancy.regimes.sums import CellSums
 from tactile_dynamics_ros.core.discrepancy.screening import screen
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.numerics.regime import Gate
-
-Array = NDArray[np.float64]
 
 _ROUNDS = 4
 """Fits of the coefficients, each followed by a search for the borders. They settle after two or

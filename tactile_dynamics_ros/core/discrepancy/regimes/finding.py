@@ -7,15 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Condition, ResidualModel
 from tactile_dynamics_ros.core.discrepancy.regimes.border import find_border_of
 from tactile_dynamics_ros.core.discrepancy.screening import screen
 from tactile_dynamics_ros.core.discrepancy.verdict.wording import write_interval
 from tactile_dynamics_ros.core.numerics.regime import Gate, split_label
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

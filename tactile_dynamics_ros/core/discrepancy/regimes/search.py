@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Family, ResidualModel
 from tactile_dynamics_ros.core.discrepancy.regimes.sums import CellSums, Gates, gates_to_try
 from tactile_dynamics_ros.core.discrepancy.structure import window_index
 from tactile_dynamics_ros.core.numerics.regime import Gate
-
-Array = NDArray[np.float64]
 
 _MOST_COLUMNS = 6
 """Columns of families with a choice of sensors that are tried: errors of two fingers. More would be

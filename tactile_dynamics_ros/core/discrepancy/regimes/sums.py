@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
     Condition,
     Family,
@@ -18,8 +19,6 @@ from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
 from tactile_dynamics_ros.core.discrepancy.screening import FEIGNED, orthonormal
 from tactile_dynamics_ros.core.discrepancy.structure import window_rows, window_starts
 from tactile_dynamics_ros.core.numerics.regime import Gate
-
-Array = NDArray[np.float64]
 
 _CELL = 0.1
 """Length of a cell, s: motion of 2 Hz turns by a fifth of a swing in it, so that a condition has

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
@@ -24,8 +23,6 @@ from tactile_dynamics_ros.core.discrepancy.structure import (
     window_starts,
 )
 from tactile_dynamics_ros.core.discrepancy.structure import noise_floor as spectral_floor
-
-Array = NDArray[np.float64]
 
 _NOISE_TOLERANCE = 0.25
 """Share by which white noise may exceed what the sensors report and still count as reported well.

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import ResidualModel
 from tactile_dynamics_ros.core.discrepancy.structure import window_index
-
-Array = NDArray[np.float64]
 
 _BLOCK = 1.5
 """Length of held-out blocks, s: longer than the windows of the motion (±70 ms), so that a block

@@ -11,13 +11,12 @@ from typing import Any
 import sympy
 
 from tactile_dynamics_ros.core.effects.effect import Effect
-from tactile_dynamics_ros.core.effects.formula.effect import FormulaEffect
+from tactile_dynamics_ros.core.effects.formula.effect import FormulaEffect, Law
 from tactile_dynamics_ros.core.effects.formula.expression import (
     LARGEST_NUMBER,
     ExpressionReader,
     Term,
 )
-from tactile_dynamics_ros.core.effects.formula.law import Law
 from tactile_dynamics_ros.core.effects.formula.quantities import (
     COM,
     FRAMES,

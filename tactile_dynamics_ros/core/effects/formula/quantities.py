@@ -10,15 +10,13 @@ from typing import Any
 
 import numpy as np
 import sympy
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.effects.formula.expression import Term
 from tactile_dynamics_ros.core.effects.geometry import AXES, body_from_world, to_body
 from tactile_dynamics_ros.core.effects.parameter import parse_unit
 from tactile_dynamics_ros.core.errors import BadInputError
-
-Array = NDArray[np.float64]
 
 SCALARS = {
     "t": ("s", "time from the start of the recording"),

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.contract import central_differences
 from tactile_dynamics_ros.core.effects.effect import Effect, LinearEffect
@@ -18,8 +18,6 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     pseudo_inertia,
 )
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
-
-Array = NDArray[np.float64]
 
 _MOMENTS = ("xx", "xy", "yy", "xz", "yz", "zz")
 """Endings of the six moments of inertia, in the order of the dynamic parameters. It is API."""

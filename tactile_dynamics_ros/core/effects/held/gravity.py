@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples, once_per_motion
 from tactile_dynamics_ros.core.effects.effect import Effect, LinearEffect
 from tactile_dynamics_ros.core.effects.geometry import body_from_world, right_jacobian, to_body
@@ -13,8 +13,6 @@ from tactile_dynamics_ros.core.effects.registry import register_effect
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, skew
-
-Array = NDArray[np.float64]
 
 
 class ChoiceEffect(Effect):

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples, latest_per_motion
 from tactile_dynamics_ros.core.effects.effect import Effect, LinearEffect
 from tactile_dynamics_ros.core.effects.filters import (
@@ -33,8 +33,6 @@ from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.effects.registry import register_effect
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import skew
-
-Array = NDArray[np.float64]
 
 _SCREENED_HZ = (0.5, 0.7, 1.0, 1.4, 1.9, 2.6, 3.5, 4.8, 6.5)
 """Natural frequencies that are tried before a refit, Hz, a factor of 1.35 apart: that is the width

@@ -6,9 +6,9 @@ from abc import abstractmethod
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contact.wrench_samples import (
     WrenchSamples,
     once_per_motion,
@@ -20,8 +20,6 @@ from tactile_dynamics_ros.core.effects.geometry import right_jacobian, vector_pa
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter, ParameterSum
 from tactile_dynamics_ros.core.effects.registry import register_effect
 from tactile_dynamics_ros.core.rigid_body.rotation import cross, exp_so3, skew
-
-Array = NDArray[np.float64]
 
 _SEEN = 4.0
 """Standard deviations from which a gain is seen: one in ten thousand by chance. It only decides

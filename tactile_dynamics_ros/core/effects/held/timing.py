@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contact.wrench_samples import (
     WrenchSamples,
     latest_per_samples,
@@ -23,8 +23,6 @@ from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.effects.registry import register_effect
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.streams.streams import nearest_samples
-
-Array = NDArray[np.float64]
 
 _SHORTEST_LAG = 2e-3
 """Time constant of a lag, s, below which it is linear: its exponential would decay within a sample.

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.effects.effect import Effect
 from tactile_dynamics_ros.core.effects.geometry import contact_rate, torque_columns
@@ -12,8 +12,6 @@ from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.effects.registry import register_effect
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3
-
-Array = NDArray[np.float64]
 
 _SCREENED_SPINS = (0.05, 0.3, 2.0)
 """Spins w_0 of which the screening family holds a column each, rad/s. Mixtures of the three come

@@ -24,9 +24,8 @@ from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
 )
 from tactile_dynamics_ros.core.discrepancy.trials import square
 from tactile_dynamics_ros.core.discrepancy.verdict.validation import held_out
-from tactile_dynamics_ros.core.effects.conditions import sample_scalars
+from tactile_dynamics_ros.core.effects.conditions import can_be_gated, sample_scalars
 from tactile_dynamics_ros.core.effects.effect import Effect
-from tactile_dynamics_ros.core.effects.gated import can_be_gated
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter, ParameterSum
 from tactile_dynamics_ros.core.effects.present import PresentEffects
 from tactile_dynamics_ros.core.effects.registry import create_effect, registered_names

@@ -11,7 +11,7 @@ import numpy as np
 import yaml
 
 from tactile_dynamics_ros.core.discrepancy.diagnosis import Diagnosis
-from tactile_dynamics_ros.core.discrepancy.laws.learning import Law, learn_law
+from tactile_dynamics_ros.core.discrepancy.laws import Law, learn_law
 from tactile_dynamics_ros.core.discrepancy.verdict.wording import (
     write_fall,
     write_interval,

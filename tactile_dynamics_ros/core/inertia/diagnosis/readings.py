@@ -16,7 +16,7 @@ from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import (
     noise_is_as_stated,
 )
 from tactile_dynamics_ros.core.discrepancy.verdict.wording import write_interval
-from tactile_dynamics_ros.core.effects.gated import GatedEffect
+from tactile_dynamics_ros.core.effects.conditions import GatedEffect
 from tactile_dynamics_ros.core.effects.sensor_zero import ZERO, with_zero
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.inertia.batch.averaging import averaged

@@ -19,7 +19,7 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     affine_invariant_distance,
     pseudo_inertia,
 )
-from tactile_dynamics_ros.core.shape.hull import CentreHull
+from tactile_dynamics_ros.core.shape.solid import CentreHull
 from tactile_dynamics_ros.core.streams.pose_noise import read_covariances
 from tactile_dynamics_ros.core.streams.streams import ContactSample
 

@@ -15,7 +15,7 @@ from tactile_dynamics_ros.core.inertia.live.live_estimate import LiveEstimate
 from tactile_dynamics_ros.core.inertia.live.pipeline import misfit_factor
 from tactile_dynamics_ros.core.inertia.residuals.systematic import PresumedErrors
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
-from tactile_dynamics_ros.core.shape.hull import CentreHull, keep_in_hull
+from tactile_dynamics_ros.core.shape.solid import CentreHull, keep_in_hull
 
 Array = NDArray[np.float64]
 

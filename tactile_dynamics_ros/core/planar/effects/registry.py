@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from tactile_dynamics_ros.core.effects.catalogue import CatalogueEntry, entry_of
-from tactile_dynamics_ros.core.effects.registry import EffectRegistry
+from tactile_dynamics_ros.core.effects.registry import CatalogueEntry, EffectRegistry, entry_of
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
 from tactile_dynamics_ros.core.planar.effects.gated import gate_push_effect
 

@@ -8,11 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.shape.superquadric.chart import SHAPE_NAMES, Chart, Placed
 from tactile_dynamics_ros.core.shape.superquadric.gauge import areas
 from tactile_dynamics_ros.core.shape.superquadric.mixture import PRIOR_STD, Mixture
-
-Array = NDArray[np.float64]
 
 _LEAST_STRAYS, _MOST_STRAYS = 1e-3, 0.9
 """Between which the share of strays is estimated: with none at all one stray would count like any

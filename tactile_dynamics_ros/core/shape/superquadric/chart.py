@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 from tactile_dynamics_ros.core.shape.superquadric.gauge import Foot, Parameters
 from tactile_dynamics_ros.core.shape.superquadric.superquadric import EXPONENT_RANGE, Superquadric
-
-Array = NDArray[np.float64]
 
 SHAPE_NAMES = ("ln_ax", "ln_ay", "ln_az", "e1", "e2", "k1", "k2")
 """Coordinates of the shape, in the order of vectors; the pose follows. Fixed by the order of the

@@ -8,9 +8,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.shape.superquadric.recovery import LEAST_POINTS, spread_choice
-
-Array = NDArray[np.float64]
 
 _NEIGHBOURS = 8
 """Neighbours that tell the spacing of a cloud: enough to jump over strays. Fewer give the spacing

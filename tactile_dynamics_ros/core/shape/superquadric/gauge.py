@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.rigid_body.rotation import cross
-
-Array = NDArray[np.float64]
 
 NARROWEST = 0.02
 """Least value of the taper f on the body, so that it stays positive: the tip of a triangle keeps 2

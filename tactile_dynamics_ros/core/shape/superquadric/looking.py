@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.shape.superquadric.parts import TableObject
 from tactile_dynamics_ros.core.shape.superquadric.scene import Scene, read_scene
 from tactile_dynamics_ros.core.shape.superquadric.views import View, ViewConfig
-
-Array = NDArray[np.float64]
 
 _REACH = 3.0
 """Distance, in pixels at the point's depth, within which neighbours count: 29 pixels on a face that

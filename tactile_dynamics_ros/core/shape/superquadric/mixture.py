@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.shape.superquadric.chart import SHAPE_NAMES, Chart, Placed
 from tactile_dynamics_ros.core.shape.superquadric.gauge import areas
 from tactile_dynamics_ros.core.shape.superquadric.superquadric import Superquadric
-
-Array = NDArray[np.float64]
 
 _STRAYS = 0.1
 """Share of strays that is presumed at first, as the simulated camera has; it is estimated then. At

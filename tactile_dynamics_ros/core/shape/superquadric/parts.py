@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, cKDTree
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.shape.superquadric.ascent import maximise, maximise_all
 from tactile_dynamics_ros.core.shape.superquadric.clustering import (
@@ -29,8 +30,6 @@ from tactile_dynamics_ros.core.shape.superquadric.recovery import (
     sketches_of_all,
     spread_choice,
 )
-
-Array = NDArray[np.float64]
 
 _MATERIAL = 0.004
 """Misfit of one surface, as a share of the cloud's size, from which it may be no description of an

@@ -9,14 +9,13 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 from tactile_dynamics_ros.core.shape.superquadric.ascent import maximise, maximise_all
 from tactile_dynamics_ros.core.shape.superquadric.chart import Chart
 from tactile_dynamics_ros.core.shape.superquadric.mixture import Mixture
 from tactile_dynamics_ros.core.shape.superquadric.superquadric import Superquadric
-
-Array = NDArray[np.float64]
 
 LEAST_POINTS = 30
 """Points below which nothing is fitted: three per parameter. Fewer let noise choose exponents, more

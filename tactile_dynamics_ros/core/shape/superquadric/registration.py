@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from tactile_dynamics_ros.core.array import Array
 
 _REACH = 0.06
 """Largest distance of points that are paired, as a share of the size of the first cloud: 6 mm on 10

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.shape.superquadric.clustering import (
     camera_noise,
     clusters,
@@ -26,8 +27,6 @@ from tactile_dynamics_ros.core.shape.superquadric.recovery import (
 from tactile_dynamics_ros.core.shape.superquadric.registration import registered
 from tactile_dynamics_ros.core.shape.superquadric.views import SurfaceEntropy, View, ViewConfig
 from tactile_dynamics_ros.core.shape.superquadric.words import describe, remarks_of
-
-Array = NDArray[np.float64]
 
 _MANY = 4000
 """Points that are used of a larger cloud: fits take time in proportion, and with 4000 the surface

@@ -8,9 +8,9 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.shape.object_shape import ObjectShape
 from tactile_dynamics_ros.core.shape.superquadric.gauge import (
@@ -24,7 +24,6 @@ from tactile_dynamics_ros.core.shape.superquadric.gauge import (
     unit_cube,
 )
 
-Array = NDArray[np.float64]
 Triangles: TypeAlias = Any
 """A trimesh.Trimesh; the library is not typed."""
 

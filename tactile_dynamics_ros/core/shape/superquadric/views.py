@@ -6,13 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.shape.superquadric.superquadric import Superquadric
-
-Array = NDArray[np.float64]
 
 _POINTS = 1500
 """Points on the surfaces of all parts: on an object of 10 cm one per 4 mm. Fewer make shares of

@@ -9,8 +9,6 @@ from tactile_dynamics_ros.core.shape.superquadric.parts import TableObject
 from tactile_dynamics_ros.core.shape.superquadric.recovery import Recovery
 from tactile_dynamics_ros.core.shape.superquadric.superquadric import Superquadric
 
-Array = NDArray[np.float64]
-
 _MISFIT = 0.01
 """Misfit, as a share of the size, from which it is said that no superquadric describes an object:
 hexagons leave 0.006 to 0.009, a bag with dents of a tenth of its size 0.013 to 0.025. Lower remarks

@@ -8,16 +8,15 @@ from itertools import pairwise
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.tactile.calibration import (
     MIRROR_AXES,
     NORMAL_90,
     LabelledPresses,
 )
-from tactile_dynamics_ros.core.tactile.network.estimator import predict_presses
 from tactile_dynamics_ros.core.tactile.network.weights import (
     INPUTS,
     PLACE_SCALE,
@@ -28,6 +27,7 @@ from tactile_dynamics_ros.core.tactile.network.weights import (
     face_left,
     lagged,
     network_inputs,
+    predict_presses,
 )
 
 _QUINTIC = (3.4445, -4.7750, 2.0315)
@@ -93,8 +93,6 @@ def orthogonalise(matrix: Tensor, iterations: int = 5) -> Tensor:
         found = a * found + (b * square + c * square @ square) @ found
     return found.T if tall else found
 
-
-Array = NDArray[np.float64]
 
 OUTPUTS = 10
 """Numbers that the network gives: force (3) and its spread (3), contact point (3) and its spread.

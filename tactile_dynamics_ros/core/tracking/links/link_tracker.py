@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3, skew, turned_by, twice
 from tactile_dynamics_ros.core.shape.object_shape import ObjectShape
 from tactile_dynamics_ros.core.shape.superquadric.superquadric import Superquadric, tracked_shape
@@ -28,8 +28,6 @@ from tactile_dynamics_ros.core.tracking.watch import (
     VisionTrackerConfig,
     Watch,
 )
-
-Array = NDArray[np.float64]
 
 _TURNS = 12
 """Turns about the vertical, 30 deg apart, that a search tries: alignments find back from half of

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3
-
-Array = NDArray[np.float64]
 
 _LONGEST_STEP = 0.2
 """Time, s, for which a velocity is believed to go on: three images. A push ends within it; longer

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.tracking.depth_image import (
     Image,
     PinholeCamera,
@@ -21,14 +21,12 @@ from tactile_dynamics_ros.core.tracking.depth_image import (
     window_around,
     without_specks,
 )
-from tactile_dynamics_ros.core.tracking.drawing import draw
+from tactile_dynamics_ros.core.tracking.fit import draw
 from tactile_dynamics_ros.core.tracking.links.link_tracker import Link, LinkTracker
 from tactile_dynamics_ros.core.tracking.registration import OBJECT_TOLERANCE
 from tactile_dynamics_ros.core.tracking.robot_volume import Volume
 from tactile_dynamics_ros.core.tracking.scene import Scene, label_scene
 from tactile_dynamics_ros.core.tracking.watch import Sighting, TrackingState, VisionTrackerConfig
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

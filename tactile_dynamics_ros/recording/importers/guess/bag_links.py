@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import (
     matrix_to_quaternion,
@@ -124,8 +124,6 @@ class Arm:
         names = {joint.name for joint in independent(chain(self.tree, root, link))}
         return bool(names) and names <= set(self.topic.columns)
 
-
-Array = NDArray[np.float64]
 
 _CLEARLY_BETTER = 0.77
 """Misfit over that of the next mounting below which the weight tells a sensor's mounting, as of

@@ -9,9 +9,9 @@ from itertools import permutations, product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.options import FINITE, Numbers
 from tactile_dynamics_ros.core.rigid_body.rotation import turned_by
@@ -20,8 +20,6 @@ from tactile_dynamics_ros.recording.importers.guess.answers import Answers
 from tactile_dynamics_ros.recording.importers.guess.torques import torque_signs
 from tactile_dynamics_ros.recording.importers.guess.weight import UP, Scene, Weighing
 from tactile_dynamics_ros.recording.importers.worlds import MIRRORS
-
-Array = NDArray[np.float64]
 
 _CLOSE = 1e-6
 """Difference of entries of rotations by right angles: rounding."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.numerics.noise import white_noise_std
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3, upright
 from tactile_dynamics_ros.recording.importers.fields import read_field
@@ -24,8 +24,6 @@ from tactile_dynamics_ros.recording.importers.guess.groups import Group
 from tactile_dynamics_ros.recording.importers.guess.torques import leans
 from tactile_dynamics_ros.recording.importers.guess.weight import GRAVITY, Measured, Scene, Weighing
 from tactile_dynamics_ros.recording.importers.tables import Table
-
-Array = NDArray[np.float64]
 
 _ALIKE = 1.3
 """Misfit over that of the best reading up to which a reading agrees as well. Noise makes misfits of

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3
 from tactile_dynamics_ros.recording.importers.fields import UNITS
 from tactile_dynamics_ros.recording.importers.guess.answers import Answers, Question
@@ -22,8 +22,6 @@ from tactile_dynamics_ros.recording.importers.guess.orientations import is_by_ro
 from tactile_dynamics_ros.recording.importers.guess.times import TimeColumn, find_time
 from tactile_dynamics_ros.recording.importers.guess.unnamed import groups_of_numbers
 from tactile_dynamics_ros.recording.importers.tables import Table, read_tables
-
-Array = NDArray[np.float64]
 
 _FARTHEST, _LEAST_MM = 3.0, 20.0
 """Distance from the world's origin, m, that no arm reaches; and that from which numbers are

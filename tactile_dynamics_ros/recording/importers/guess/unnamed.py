@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.recording.importers.guess.answers import Question
 from tactile_dynamics_ros.recording.importers.guess.groups import Group, Groups
 from tactile_dynamics_ros.recording.importers.guess.orientations import (
@@ -16,8 +16,6 @@ from tactile_dynamics_ros.recording.importers.guess.orientations import (
 from tactile_dynamics_ros.recording.importers.guess.times import TimeColumn
 from tactile_dynamics_ros.recording.importers.guess.weight import Measured, Scene
 from tactile_dynamics_ros.recording.importers.tables import Table
-
-Array = NDArray[np.float64]
 
 _WIDTHS = {
     "position": 3,

@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.numerics.local_polynomial import (
     LocalFunctional,
     Window,
@@ -23,8 +24,6 @@ from tactile_dynamics_ros.core.numerics.local_polynomial import (
 from tactile_dynamics_ros.core.rigid_body.rotation import accumulated_rotation, exp_so3, skew
 from tactile_dynamics_ros.core.streams.streams import nearest_samples
 from tactile_dynamics_ros.recording.static_poses import wrong_rows
-
-Array = NDArray[np.float64]
 
 GRAVITY = 9.81
 """m/s^2, as in every recording."""

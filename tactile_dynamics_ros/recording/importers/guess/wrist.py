@@ -8,12 +8,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.recording.importers.fields import UNITS
-from tactile_dynamics_ros.recording.importers.guess.accelerations import read_acceleration
 from tactile_dynamics_ros.recording.importers.guess.answers import Answers, Question
-from tactile_dynamics_ros.recording.importers.guess.changes import find_change
 from tactile_dynamics_ros.recording.importers.guess.geometry import Mounting, scale_of
 from tactile_dynamics_ros.recording.importers.guess.groups import Group
 from tactile_dynamics_ros.recording.importers.guess.orientations import (
@@ -29,11 +27,13 @@ from tactile_dynamics_ros.recording.importers.guess.sources import (
     rows_are_separate,
     rows_jump,
 )
-from tactile_dynamics_ros.recording.importers.guess.times import TimeColumn
-from tactile_dynamics_ros.recording.importers.guess.torques import lever_of, torque_size
+from tactile_dynamics_ros.recording.importers.guess.times import TimeColumn, find_change
+from tactile_dynamics_ros.recording.importers.guess.torques import (
+    lever_of,
+    read_acceleration,
+    torque_size,
+)
 from tactile_dynamics_ros.recording.importers.guess.weight import Measured, Windows
-
-Array = NDArray[np.float64]
 
 _LONGEST_LEVER, _SURE_LEVER = 0.6, 1.5
 """Distance, m, of a load's centre of mass from its sensor that is usual, and one that is none:

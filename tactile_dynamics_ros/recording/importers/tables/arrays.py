@@ -11,13 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.reading import LARGEST_ARRAYS, open_arrays, require_file
 from tactile_dynamics_ros.recording.importers.tables.table import Table
-
-Array = NDArray[np.float64]
 
 ARRAY_SUFFIXES = (".npy", ".npz", ".mat")
 """Ends of the names of files that hold arrays."""

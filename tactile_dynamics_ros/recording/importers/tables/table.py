@@ -11,8 +11,8 @@ from lzma import LZMAError
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.reading import require_file
 from tactile_dynamics_ros.recording.importers.tables.layout import (
@@ -96,8 +96,6 @@ def _read_member(path: Path) -> bytes:
                 return found
     raise BadInputError(f"{path.parent} holds no {path.name}")
 
-
-Array = NDArray[np.float64]
 
 _MOST_BAD = 0.05
 """Share of rows that cannot be read up to which they are left out and named; a table with more is

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.tactile.electrodes import ELECTRODE_NORMAL, ELECTRODE_POSITION
 
@@ -72,8 +72,6 @@ class BioTacConfig:
     def __post_init__(self) -> None:
         check_ranges(self)
 
-
-Array = NDArray[np.float64]
 
 _LEFT = [2656, 3229, 3254, 3074, 3232, 3047, 2753, 2895]
 _RIGHT = [2921, 3020, 2618, 3211, 3228, 3019, 3192, 3006]

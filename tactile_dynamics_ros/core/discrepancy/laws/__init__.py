@@ -1,1 +1,0 @@
-"""Laws that no catalogue has, learnt from what a model leaves."""
