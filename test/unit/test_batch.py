@@ -40,7 +40,9 @@ def runs(tmp_path, monkeypatch):
 
 def ask(folder, *more):
     pattern = str(folder / "runs" / "**" / "*.mcap")
-    return main(["batch", "diagnose", pattern, "--out", str(folder / "out"), *more])
+    return main(
+        ["batch", "diagnose", pattern, "--out", str(folder / "out"), "--workers", "1", *more]
+    )
 
 
 def test_a_bad_recording_does_not_stop_the_others(runs, capsys):
@@ -98,7 +100,8 @@ def test_the_verb_itself_is_asked_in_a_process_of_its_own(tmp_path, capfd):
     held_box().to_bag(tmp_path / "good")
     (tmp_path / "bad.mcap").write_bytes(b"x")
     names = [str(tmp_path / name) for name in ("good", "bad.mcap")]
-    assert main(["batch", "estimate", *names, "--out", str(tmp_path / "out"), "--json"]) == 3
+    out = str(tmp_path / "out")
+    assert main(["batch", "estimate", *names, "--out", out, "--json", "--workers", "2"]) == 3
     good, bad = json.loads(capfd.readouterr().out)
     assert good["status"] == "done" and good["estimate"]["mass"]["value"] > 0.0
     assert bad["status"] == "bad input" and "bad.mcap" in bad["message"]
