@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import redirect_stdout
 from functools import partial
 from io import StringIO
@@ -39,6 +39,9 @@ _HEIGHT = 0.002
 _PUSH_HEIGHT = 0.03
 """Height of the arrows of pushes above the support, m: about where tips push."""
 
+_REGIME, _FAILS = "rgba(122, 94, 168, 0.25)", "rgba(200, 66, 59, 0.12)"
+"""Shades where an effect acts and where the model fails: violet and red, both seen if both are."""
+
 CHARTS = {
     "load": "vertical force, N",
     "friction_force_n": "friction force, N",
@@ -47,7 +50,7 @@ CHARTS = {
     "com_x": "centre of mass x, mm",
     "com_y": "centre of mass y, mm",
     "friction": "friction",
-    "error": "error",
+    "error": "error over noise; red dashes: its floor",
 }
 """Charts by quantity of the state; the state has them in these units."""
 
@@ -80,6 +83,8 @@ class LivePage:
         self._numbers = gui.add_html("")
         self.buttons = [self._add_button(*one) for one in (actions or {}).items()]
         self._answer = gui.add_html("")
+        self._add: Callable[[str], str] | None = None
+        self._offers: dict[str, Any] = {}
         self._charts: dict[str, Any] = {}
         self._content: dict[str, Array] = {}
 
@@ -115,6 +120,7 @@ class LivePage:
                 self._show_force(name, force)
         self._say(self._verdict, _verdict(state))
         self._say(self._numbers, _numbers(state))
+        self._offer([name for name in state.missing if name not in state.effects])
 
     def draw_charts(self, state: State) -> None:
         """Draw the histories; less often than the scene, since whole columns are sent."""
@@ -123,12 +129,22 @@ class LivePage:
             if history is None:
                 continue
             columns = tuple(history.columns())
+            if name == "error":
+                columns += tuple(_error_marks(columns, state))
             if name not in self._charts:
                 banded = np.any(columns[2] != columns[3])
                 said = f"{title} (band: ± one std)" if banded else title
                 self._charts[name] = self._add_chart(columns, said)
             else:
                 self._charts[name].data = columns
+
+    def allow_adding(self, add: Callable[[str], str]) -> None:
+        """Offer a button for each effect that a diagnosis names; it asks before it adds.
+
+        Args:
+            add: adds the effect of a name to the model and returns the answer in words.
+        """
+        self._add = add
 
     def answer(self, text: str) -> None:
         """Show what an action answered."""
@@ -147,6 +163,33 @@ class LivePage:
             boxes = {name: gui.add_checkbox(name, False) for name in names}
             self._add_button("Set", lambda: choose([n for n, box in boxes.items() if box.value]))
 
+    def _offer(self, names: Sequence[str]) -> None:
+        """Show the buttons of those effects that can be added, and no others."""
+        for name in [name for name in self._offers if name not in names]:
+            self._offers.pop(name).remove()
+        for name in names if self._add else ():
+            if name not in self._offers:
+                button = self.server.gui.add_button(
+                    f"Add {name} ...", order=self._answer.order + 0.5
+                )
+                button.on_click(partial(self._confirm, name))
+                self._offers[name] = button
+
+    def _confirm(self, name: str, event: Any) -> None:
+        """Ask, on the page of whoever pressed the button, whether an effect is to be added."""
+        gui = self.server.gui if event.client is None else event.client.gui
+        modal = gui.add_modal(f"Add {name} to the model?")
+        with modal:
+            gui.add_html("<p>The estimate is made anew with it. Nothing moves.</p>")
+            yes, no = gui.add_button("Yes, add it"), gui.add_button("No")
+        no.on_click(lambda _: modal.close())
+
+        @yes.on_click
+        def _(_: Any) -> None:
+            modal.close()
+            self.answer(f"adding {name} ...")
+            self.answer(self._add(name) if self._add else "")
+
     def _add_button(self, text: str, action: Callable[[], str]) -> Any:
         button = self.server.gui.add_button(text, color="red" if text.isupper() else None)
 
@@ -158,15 +201,22 @@ class LivePage:
         return button
 
     def _add_chart(self, columns: tuple[Array, ...], title: str) -> Any:
-        blue = "rgb(37, 99, 235)"
-        edge = uplot.Series(label="", stroke="rgba(0,0,0,0)", points={"show": False})
+        """Add a chart of a value with its band, and of the marks of an error, if it has them."""
+        none = {"show": False}
+        edge = uplot.Series(label="", stroke="rgba(0,0,0,0)", points=none)
+        marks = (
+            uplot.Series(label="floor", stroke="#c8423b", dash=(5, 4), points=none),
+            uplot.Series(label="regime", stroke="rgba(0,0,0,0)", fill=_REGIME, points=none),
+            uplot.Series(label="fails", stroke="rgba(0,0,0,0)", fill=_FAILS, points=none),
+        )
         return self.server.gui.add_uplot(
             columns,
             (
                 uplot.Series(label="s"),
-                uplot.Series(label=title, stroke=blue, width=2, points={"show": False}),
+                uplot.Series(label=title, stroke="rgb(37, 99, 235)", width=2, points=none),
                 edge,
                 edge,
+                *marks[: len(columns) - 4],
             ),
             bands=(uplot.Band(series=(3, 2), fill="rgba(37, 99, 235, 0.18)", dir=-1),),
             scales={"x": uplot.Scale(time=False, auto=True), "y": uplot.Scale(auto=True)},
@@ -311,6 +361,22 @@ def _place(node: Any, pose: Array) -> None:
     node.wxyz = np.roll(matrix_to_quaternion(pose[:3, :3]), 1)
 
 
+def _error_marks(columns: Sequence[Array], state: State) -> Iterator[Array]:
+    """Yield the floor, and shades up to the largest error where a regime holds and where it fails.
+
+    Args:
+        columns: time, s, and error of the chart.
+        state: with floor and stretches.
+    """
+    time, error = columns[:2]
+    yield np.full(len(time), state.floor)
+    top = np.max(error, initial=state.floor)
+    for spans in (state.regimes, state.failing):
+        yield top * np.any(
+            [(time >= a) & (time <= b) for a, b in spans] or [time < -np.inf], axis=0
+        )
+
+
 def _verdict(state: State) -> str:
     """The two sentences that matter most, as HTML."""
     colour = "#2e9e77" if state.good and state.fits else "#c8423b"
@@ -333,7 +399,10 @@ def _numbers(state: State) -> str:
     if state.friction is not None:
         rows.append(("friction", _plain(state.friction)))
     if state.error is not None:
-        rows.append(("error", f"{state.error:.2f} × the noise"))
+        rows.append(("error", f"{state.error:.2f} × the noise (floor {state.floor:.2f})"))
+    if state.effects:
+        rows.append(("effects of the model", html.escape(", ".join(state.effects))))
+    rows += [("it fails", html.escape(place)) for place in state.fails]
     cells = "".join(
         f"<tr><td style='padding-right:1.2em'>{name}</td><td>{value}</td></tr>"
         for name, value in rows

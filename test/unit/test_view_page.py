@@ -18,8 +18,10 @@ from websockets.sync.client import connect
 
 from tactile_dynamics_ros.cli.view import served
 from tactile_dynamics_ros.core.rigid_body.rotation import pose_of
+from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.share import share_file
-from tactile_dynamics_ros.view.page import METRES_PER_NEWTON, LivePage
+from tactile_dynamics_ros.synthetic import ScenarioOptions, generate
+from tactile_dynamics_ros.view.page import METRES_PER_NEWTON, LivePage, _error_marks
 from tactile_dynamics_ros.view.playback import Playback
 from tactile_dynamics_ros.view.state import KEPT, Body, Force, History, Push, Quantity, State
 
@@ -97,6 +99,32 @@ def test_a_recording_plays_with_its_estimate():
     assert abs(state.body.mass.value - 0.4) < 0.02
     assert "fits" in state.remark
     assert len(state.histories["load"].columns()[0]) == KEPT
+
+
+def test_the_error_of_a_recording_has_its_floor_and_where_an_effect_acts_until_it_is_added():
+    options = ScenarioOptions(duration=8.0)
+    streams = generate(3, {"viscous_drag": 4.0}, options).streams
+    played = Playback(Recording(streams, "made"))
+    before, first = played.at(0.0).error, played.at(0.0).histories["error"].columns()
+    assert before > 1.5 and not played.at(0.0).good
+    assert first[1].mean() == pytest.approx(before, rel=0.2)
+    assert "viscous" in played.diagnose() and played.at(0.0).missing[0] == "viscous_drag"
+    played.add("viscous_drag")
+    state = played.at(0.0)
+    assert state.effects == ("viscous_drag",) and state.missing == ()
+    assert state.error < 1.2 and state.histories["error"].columns()[1].mean() < 1.2
+    assert "not added" in played.add("no_such_effect") and state.effects == ("viscous_drag",)
+
+
+def test_marks_of_the_error_are_its_floor_and_shades_of_regimes_and_failures():
+    state = State(floor=0.9, regimes=((2.0, 4.0),), failing=((6.0, 7.0), (9.0, 9.5)))
+    time = np.arange(10.0)
+    floor, regime, fails = _error_marks((time, 1.0 + 0.1 * time), state)
+    np.testing.assert_array_equal(floor, 0.9)
+    np.testing.assert_array_equal(np.flatnonzero(regime), [2, 3, 4])
+    np.testing.assert_array_equal(np.flatnonzero(fails), [6, 7, 9])
+    assert regime.max() == pytest.approx(1.9)
+    assert not next(iter([*_error_marks((time, time), State())][1:])).any()
 
 
 def get(address, **headers):
@@ -180,6 +208,24 @@ def test_a_browser_shows_the_verdict_and_asks(tmp_path, capsys):
         assert browser.value("document.querySelector('canvas') !== null")
         browser.click("Diagnose")
         browser.wait_for("It slips.")
+        missing = held_state()
+        missing.missing, added = ("viscous_drag",), []
+        page.show(missing)
+        assert "Add viscous_drag" not in browser.text  # nobody said how
+        page.allow_adding(lambda name: added.append(name) or "It is in the model.")
+        page.show(missing)
+        for answer, after in (("No", []), ("Yes, add it", ["viscous_drag"])):
+            browser.wait_for("Add viscous_drag ...")
+            browser.click("Add viscous_drag ...")
+            browser.wait_for("Add viscous_drag to the model?")
+            assert added == []  # not before it is confirmed
+            browser.click(answer)
+            browser.wait_until("!document.body.innerText.includes('to the model?')")
+            assert added == after
+        browser.wait_for("It is in the model.")
+        missing.effects = ("viscous_drag",)
+        page.show(missing)
+        browser.wait_until("!document.body.innerText.includes('Add viscous_drag')")
         pushed = State(object_pose=pose_of((0.4, 0.0, 0.0), (0, 0, 0)), footprint=np.eye(3)[:, :2])
         pushed.pushes = (Push(np.array([0.4, 0.1]), np.array([0.0, 1.0]), 0.06, 5.5),)
         pushed.numbers, pushed.plan = {"friction force": "2.01 ± 0.01 N"}, "pushing: it tells most"
