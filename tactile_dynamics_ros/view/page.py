@@ -43,6 +43,7 @@ _REGIME, _FAILS = "rgba(122, 94, 168, 0.25)", "rgba(200, 66, 59, 0.12)"
 """Shades where an effect acts and where the model fails: violet and red, both seen if both are."""
 
 CHARTS = {
+    "error": "error over noise; red dashes: its floor",
     "load": "vertical force, N",
     "friction_force_n": "friction force, N",
     "mass": "mass, g",
@@ -50,7 +51,6 @@ CHARTS = {
     "com_x": "centre of mass x, mm",
     "com_y": "centre of mass y, mm",
     "friction": "friction",
-    "error": "error over noise; red dashes: its floor",
 }
 """Charts by quantity of the state; the state has them in these units."""
 

@@ -6,17 +6,20 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from tactile_dynamics_ros.api.discrepancies import Comparison
 from tactile_dynamics_ros.api.verbs import diagnose, estimate
-from tactile_dynamics_ros.core.discrepancy.model.residual_model import Residuals
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.streams.streams import nearest_samples
 from tactile_dynamics_ros.recording import Recording
-from tactile_dynamics_ros.report.estimates import running_mean
 from tactile_dynamics_ros.view.state import KEPT, Body, Force, History, Quantity, Span, State
 
 _NEAR = 0.1
 """Distance of a sample, s, up to which it is shown for a time: twice the period of slow loggers.
 Smaller makes arrows flicker on them, larger shows forces that are gone."""
+
+
+_PLACES = 3
+"""Places shown of those where the model fails, worst first: a phone shows no more at a glance."""
 
 
 class Playback:
@@ -98,7 +101,7 @@ class Playback:
         state = self._state
         try:
             asked = estimate(self.recording, effects=self._effects)
-            found, compared = asked.to_json(), asked.question.comparison
+            found, compared = asked.to_json(), Comparison.of(asked.question)
         except TactileDynamicsError as error:
             state.remark, state.good = str(error), False
             return False
@@ -111,20 +114,16 @@ class Playback:
         state.remark = f"The model fits: error {error:.2f} times the noise."
         if asked.question.misfit:
             state.remark = f"Note: {asked.question.misfit}."
-        places = compared.to_json()["fails_where"]
+        places = compared.document["fails_where"][:_PLACES]
         state.fails = tuple(f"{one['channel']} {one['condition']}" for one in places)
-        self._first = float(compared.residuals.time[0])
-        state.failing = self._in_chart(compared.intervals)
-        self._add_error(compared.residuals)
+        time, errors = compared.error_over_time()
+        self._first = float(time[0])
+        state.failing = self._in_chart(compared.answer.intervals)
+        state.regimes = self._in_chart(compared.regime_spans())
+        history = state.histories["error"] = History(whole=True)
+        for k in np.unique(np.linspace(0, len(time) - 1, min(len(time), KEPT)).astype(int)):
+            history.add(time[k], errors[k])
         return True
-
-    def _add_error(self, residuals: Residuals) -> None:
-        """The error of all channels over the recording, averaged over half a second."""
-        square = np.mean(residuals.white**2, axis=1, keepdims=True)
-        rms = np.sqrt(running_mean(residuals.time, square)[:, 0])
-        history = self._state.histories["error"] = History(whole=True)
-        for k in np.unique(np.linspace(0, len(rms) - 1, min(len(rms), KEPT)).astype(int)):
-            history.add(residuals.time[k], rms[k])
 
     def _add_load(self) -> None:
         """The vertical force of all contacts over the whole recording, for its chart."""

@@ -116,6 +116,18 @@ def test_the_error_of_a_recording_has_its_floor_and_where_an_effect_acts_until_i
     assert "not added" in played.add("no_such_effect") and state.effects == ("viscous_drag",)
 
 
+def test_the_regime_in_which_a_drag_acts_is_shaded_where_it_acts():
+    options = ScenarioOptions(duration=10.0)
+    streams = generate(3, {}, options).streams
+    for contact in streams.contacts.values():
+        contact.force[contact.time > contact.time[0] + 6.0, 0] += 0.4
+    played = Playback(Recording(streams, "made"))
+    played.diagnose()
+    shaded = [*played.at(0.0).regimes, *played.at(0.0).failing]
+    inside = sum(max(0.0, min(b, 10.0) - max(a, 6.0)) for a, b in shaded)
+    assert inside > 0.6 * sum(b - a for a, b in shaded) > 0.0
+
+
 def test_marks_of_the_error_are_its_floor_and_shades_of_regimes_and_failures():
     state = State(floor=0.9, regimes=((2.0, 4.0),), failing=((6.0, 7.0), (9.0, 9.5)))
     time = np.arange(10.0)
