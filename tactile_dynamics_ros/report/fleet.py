@@ -64,29 +64,23 @@ class Track:
 
 
 def outlier_p_values(values: Array) -> Array:
-    """Return the probability of each value, given the scatter of all others.
+    """Return the probability of each value, given the scatter of all.
 
-    t = (x_i - median_j) / (s_j sqrt(1 + pi / (2 (n - 1)))), j being all but i and s_j their median
-    absolute deviation scaled to a std; Student's t of 0.37 (n - 2) degrees of freedom.
+    t = (x_i - median) / s, s being the median absolute deviation scaled to a std; Student's t of
+    0.37 (n - 1) degrees of freedom. Gaussian values fall below a level at most as often as it says:
+    0.9 times as often for 50 values, 0.7 times for 20, never for six.
 
     Args:
-        values: (N,); fewer than six, or others that are all the same, give 1.
+        values: (N,); if half of them are the same, all probabilities are 1.
 
     Returns:
         (N,) two-sided probabilities.
     """
-    count = len(values)
-    p_values = np.ones(count)
-    if count < 6:
-        return p_values
-    for k in range(count):
-        others = np.delete(values, k)
-        spread = stats.median_abs_deviation(others, scale="normal")
-        if spread > 0.0:
-            wider = spread * np.sqrt(1.0 + 0.5 * np.pi / (count - 1))
-            t = abs(values[k] - np.median(others)) / wider
-            p_values[k] = 2.0 * stats.t.sf(t, _MAD_EFFICIENCY * (count - 2))
-    return p_values
+    spread = stats.median_abs_deviation(values, scale="normal") if len(values) > 1 else 0.0
+    if not spread > 0.0:
+        return np.ones(len(values))
+    t = np.abs(values - np.median(values)) / spread
+    return np.asarray(2.0 * stats.t.sf(t, _MAD_EFFICIENCY * (len(values) - 1)))
 
 
 @dataclass(frozen=True)

@@ -64,7 +64,7 @@ def _numbers(pattern: str, text: str) -> list[float]:
 SAYS = {
     "05": "brush: all requirements hold",
     "06": "thumb +sensor at x",
-    "07": r"run_1.mcap,done,0\.4576.*\n.*run_2.mcap,done,0\.52",
+    "07": r"run_1.mcap,\w+,done,0\.4576.*\n.*run_2.mcap,\w+,done,0\.52",
     "08": "the model is not adequate",
     "09": "verdict missing_effect, effect viscous_drag",
     "10": r"viscous_drag error 1\.0",
