@@ -139,9 +139,10 @@ class Comparison(Discrepancy):
 
         if self.answer.regime is None:
             return []
-        gate, residuals = self.answer.regime.gate, self.answer.residuals
-        condition = next(one for one in residuals.conditions if one.symbol == gate.symbol)
-        return RegimeFinding(condition, gate, np.nan, np.nan).spans(residuals.time)
+        gate, conditions = self.answer.regime.gate, self.question.model.conditions()
+        condition = next(one for one in conditions if one.symbol == gate.symbol)
+        found = RegimeFinding(condition, gate, np.nan, np.nan)
+        return found.spans(self.answer.residuals.time)
 
     def draw(self) -> Figure:
         """Draw when the model is wrong."""
