@@ -84,7 +84,10 @@ def run(args: Namespace) -> int:
         NotIdentifiableError: some recordings have no answer.
     """
     out, jobs = Path(args.out), make_jobs(args)
-    kept = {} if args.again else {job: answer for job in jobs if (answer := job.kept())}
+    if args.again:
+        for job in jobs:
+            job.forget()
+    kept = {job: answer for job in jobs if (answer := job.kept())}
     fresh = [job for job in jobs if job not in kept]
     if kept:
         print(f"note: {len(kept)} of {len(jobs)} are answered already", file=sys.stderr)
@@ -163,13 +166,13 @@ def _executor(scheduler: str | None, workers: int) -> Iterator[Executor]:
     from distributed import Client, LocalCluster
 
     with ExitStack() as stack:
-        if scheduler is None:
-            local = LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None)
-            scheduler = stack.enter_context(local).scheduler_address
+        options = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": None}
         try:
-            client = stack.enter_context(Client(scheduler, timeout="10s"))
-        except (OSError, ValueError) as error:
-            raise BadInputError(f"--scheduler {scheduler}: no Dask scheduler answers") from error
+            at = scheduler or stack.enter_context(LocalCluster(**options)).scheduler_address
+            client = stack.enter_context(Client(at, timeout="10s"))
+        except (OSError, ValueError, RuntimeError) as error:
+            where = f"--scheduler {scheduler}" if scheduler else f"--workers {workers}"
+            raise BadInputError(f"{where}: no Dask scheduler answers ({error})") from error
         yield stack.enter_context(client.get_executor(pure=False))
 
 

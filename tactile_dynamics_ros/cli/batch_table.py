@@ -54,6 +54,10 @@ class Job:
         seen = [[file.name, file.stat().st_size, file.stat().st_mtime_ns] for file in files]
         return [self.verb, list(self.options), self.report, seen]
 
+    def forget(self) -> None:
+        """Remove the answer of an earlier run."""
+        (Path(self.folder) / ANSWER).unlink(missing_ok=True)
+
     def kept(self) -> Answer | None:
         """The answer of an earlier run to this very question, unless that crashed."""
         try:
@@ -93,7 +97,13 @@ class Answer:
 
 
 def ask(job: Job) -> Answer:
-    """Ask about one recording in a process of its own, and keep the answer; never raises for it."""
+    """Ask about one recording in a process of its own, and keep the answer; never raises for it.
+
+    Asked once more, as of a worker that was killed before it handed its answers over, the answer
+    that is kept is returned.
+    """
+    if (answer := job.kept()) is not None:
+        return answer
     folder = Path(job.folder)
     folder.mkdir(parents=True, exist_ok=True)
     began = time.monotonic()

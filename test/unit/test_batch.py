@@ -74,6 +74,17 @@ def test_it_resumes_where_it_was_and_asks_again_what_has_changed(runs):
     assert len(asked) == 5
 
 
+def test_what_a_lost_worker_had_answered_is_not_asked_twice_unless_that_is_wanted(runs):
+    folder, asked = runs
+    ask(folder)
+    asked.clear()
+    out = folder / "out" / "reports" / "a" / "1.mcap"
+    job = batch_jobs.Job(str(folder / "runs" / "a" / "1.mcap"), str(out), "diagnose", (), 1800.0)
+    assert batch_jobs.ask(job).document == SAID and asked == []
+    ask(folder, "--again")
+    assert len(asked) == 5
+
+
 def test_an_answer_that_was_cut_off_is_asked_again(runs):
     folder, asked = runs
     ask(folder)
