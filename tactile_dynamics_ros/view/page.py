@@ -170,7 +170,7 @@ class LivePage:
         for name in names if self._add else ():
             if name not in self._offers:
                 button = self.server.gui.add_button(
-                    f"Add {name} ...", order=self._answer.order + 0.5
+                    f"Add {name} ...", order=self._verdict.order + 0.5
                 )
                 button.on_click(partial(self._confirm, name))
                 self._offers[name] = button

@@ -1,10 +1,12 @@
-"""Every table of docs/benchmarks.md says of which version it is, and stale ones are found."""
+"""Versions: of the package, of its changelog, and of every table of docs/benchmarks.md."""
 
+import re
 import subprocess
 
 import pytest
 
 from benchmarks import stamps
+from tactile_dynamics_ros.version import __version__
 
 SECTIONS = stamps.read_sections(stamps.PAGE.read_text())
 PAGE = """# Page
@@ -87,3 +89,25 @@ def test_a_dry_run_warns_of_stamps_that_are_more_than_twenty_changes_old(section
     assert said[-1] == "warning: Inertia: stamp abc1234 is 21 changes old" and len(said) == 3
     monkeypatch.setattr(stamps.Section, "changes", lambda section: 20)
     assert not any("warning" in line for line in stamps.foresee([section], []))
+
+
+def test_the_version_is_semantic_and_the_same_everywhere():
+    assert re.fullmatch(r"\d+\.\d+\.\d+", __version__)
+    for name, pattern in (
+        ("setup.py", r'version="(.*?)"'),
+        ("package.xml", r"<version>(.*?)<"),
+        ("interfaces/package.xml", r"<version>(.*?)<"),
+    ):
+        assert re.search(pattern, (stamps.ROOT / name).read_text())[1] == __version__, name
+
+
+def test_the_changelog_begins_with_this_version_and_keeps_to_its_sections():
+    text = (stamps.ROOT / "CHANGELOG.rst").read_text()
+    heads = re.findall(r"^(.+)\n-+$", text, re.MULTILINE)
+    assert heads[0].split()[0] == __version__
+    assert all(re.fullmatch(r"\d+\.\d+\.\d+ \((forthcoming|\d{4}-\d\d-\d\d)\)", h) for h in heads)
+    allowed = ["Added", "Changed", "Deprecated", "Removed", "Fixed", "Security"]
+    for release in re.split(r"^.+\n-+\n", text, flags=re.MULTILINE)[1:]:
+        found = re.findall(r"^(\w+)\n~+$", release, re.MULTILINE)
+        assert found == [name for name in allowed if name in found]
+        assert release.lstrip().startswith(found[0]), "an entry stands in no section"
