@@ -16,14 +16,24 @@ pytest.importorskip("viser")
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from tactile_dynamics_ros.cli.view import served
+from tactile_dynamics_ros.cli.view import Control, served
 from tactile_dynamics_ros.core.rigid_body.rotation import pose_of
 from tactile_dynamics_ros.recording import Recording
+from tactile_dynamics_ros.ros.diagnostics import status_message
 from tactile_dynamics_ros.share import share_file
 from tactile_dynamics_ros.synthetic import ScenarioOptions, generate
 from tactile_dynamics_ros.view.page import METRES_PER_NEWTON, LivePage, _error_marks
 from tactile_dynamics_ros.view.playback import Playback
-from tactile_dynamics_ros.view.state import KEPT, Body, Force, History, Push, Quantity, State
+from tactile_dynamics_ros.view.state import (
+    KEPT,
+    Body,
+    Force,
+    History,
+    Push,
+    Quantity,
+    State,
+    take_diagnosis,
+)
 
 
 def held_state():
@@ -126,6 +136,32 @@ def test_the_regime_in_which_a_drag_acts_is_shaded_where_it_acts():
     shaded = [*played.at(0.0).regimes, *played.at(0.0).failing]
     inside = sum(max(0.0, min(b, 10.0) - max(a, 6.0)) for a, b in shaded)
     assert inside > 0.6 * sum(b - a for a, b in shaded) > 0.0
+
+
+@pytest.mark.parametrize(
+    ("numbers", "estimator"),
+    [({}, "inertial_estimator"), ({"friction force": "2 N"}, "property_estimator")],
+)
+def test_live_an_effect_joins_those_of_the_estimator_that_runs(monkeypatch, numbers, estimator):
+    asked = []
+    monkeypatch.setattr("tactile_dynamics_ros.cli.topics.set_parameter", lambda *a: asked.append(a))
+    control = Control(Namespace(create_publisher=lambda *_: None))
+    offered = []
+    page = Namespace(add_choice=lambda *_: None, allow_adding=offered.append)
+    state = State(effects=("force_bias",), numbers=numbers)
+    control.add_effects(page, state)
+    assert asked == []
+    assert offered[0]("viscous_drag") == "effects of the model: force_bias, viscous_drag"
+    assert asked[0][1:4] == (estimator, "effects", ["force_bias", "viscous_drag"])
+
+
+def test_a_diagnosis_offers_what_it_names_and_its_floor():
+    found = {"noise_floor": 0.97, "effect": "", "group": "force_bias,unsensed_contact"}
+    state = State()
+    take_diagnosis(state, [status_message("diagnosis", found, message="one of two")])
+    assert state.missing == ("force_bias", "unsensed_contact") and state.floor == 0.97
+    take_diagnosis(state, [status_message("diagnosis", {"effect": "viscous_drag[z<0.42]"})])
+    assert state.missing == ("viscous_drag[z<0.42]",) and state.floor == 1.0
 
 
 def test_marks_of_the_error_are_its_floor_and_shades_of_regimes_and_failures():
