@@ -137,7 +137,7 @@ class Fleet:
                 "Drift and outliers",
                 sentences=[self.sentence(), _HOW],
                 pictures=pictures,
-                header=("robot", "quantity", "what", "p-value"),
+                header=("robot or recording", "quantity", "what", "p-value"),
                 rows=[*map(_drift_row, self.drifting), *(_outlier_row(*o) for o in self.outliers)],
             ),
             Section(
@@ -199,10 +199,5 @@ def _drift_row(track: Track) -> tuple[str | Link, ...]:
 
 
 def _outlier_row(track: Track, k: int, p_value: float) -> tuple[str | Link, ...]:
-    recording = track.recordings[k]
-    if isinstance(recording, Link):
-        cell: str | Link = Link(f"{track.robot}: {recording.text}", recording.target)
-    else:
-        cell = f"{track.robot}: {recording}"
     what = f"{track.values[k]:.4g}; median of the robot {np.median(track.values):.4g}"
-    return cell, track.quantity, what, f"{p_value:.1g}"
+    return track.recordings[k], track.quantity, what, f"{p_value:.1g}"

@@ -57,7 +57,7 @@ def test_a_recording_with_another_load_stands_out():
     assert (track.robot, k) == ("robot_3", 21) and p_value < 1e-5
     assert found.drifting == []
     [row] = found.sections()[0].rows
-    assert row[0] == "robot_3: 21.mcap"
+    assert row[0] == "21.mcap"
 
 
 def test_values_that_are_all_the_same_or_few_name_nothing():
