@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import redirect_stdout
 from functools import partial
 from io import StringIO
@@ -16,7 +16,7 @@ from viser import ViserServer, uplot
 from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion
 from tactile_dynamics_ros.view.gate import Gate
 from tactile_dynamics_ros.view.robot import RobotFigure
-from tactile_dynamics_ros.view.state import Force, Push, Quantity, State
+from tactile_dynamics_ros.view.state import Force, Push, Quantity, State, error_marks
 
 Array = NDArray[np.float64]
 
@@ -130,7 +130,7 @@ class LivePage:
                 continue
             columns = tuple(history.columns())
             if name == "error":
-                columns += tuple(_error_marks(columns, state))
+                columns += tuple(error_marks(columns, state))
             if name not in self._charts:
                 banded = np.any(columns[2] != columns[3])
                 said = f"{title} (band: ± one std)" if banded else title
@@ -359,22 +359,6 @@ class LivePage:
 def _place(node: Any, pose: Array) -> None:
     node.position = pose[:3, 3]
     node.wxyz = np.roll(matrix_to_quaternion(pose[:3, :3]), 1)
-
-
-def _error_marks(columns: Sequence[Array], state: State) -> Iterator[Array]:
-    """Yield the floor, and shades up to the largest error where a regime holds and where it fails.
-
-    Args:
-        columns: time, s, and error of the chart.
-        state: with floor and stretches.
-    """
-    time, error = columns[:2]
-    yield np.full(len(time), state.floor)
-    top = np.max(error, initial=state.floor)
-    for spans in (state.regimes, state.failing):
-        yield top * np.any(
-            [(time >= a) & (time <= b) for a, b in spans] or [time < -np.inf], axis=0
-        )
 
 
 def _verdict(state: State) -> str:

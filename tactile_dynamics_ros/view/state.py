@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -181,6 +181,22 @@ class State:
     def note(self, name: str, time: float, value: float, std: float = 0.0) -> None:
         """Add a value to the history of a quantity."""
         self.histories.setdefault(name, History()).add(time, value, std)
+
+
+def error_marks(columns: Sequence[Array], state: State) -> Iterator[Array]:
+    """Yield the floor, and shades up to the largest error where a regime holds and where it fails.
+
+    Args:
+        columns: time, s, and error of the chart.
+        state: with floor and stretches.
+    """
+    time, error = columns[:2]
+    yield np.full(len(time), state.floor)
+    top = np.max(error, initial=state.floor)
+    for spans in (state.regimes, state.failing):
+        yield top * np.any(
+            [(time >= a) & (time <= b) for a, b in spans] or [time < -np.inf], axis=0
+        )
 
 
 _TRIANGLE_LIST, _ADD = 11, 0

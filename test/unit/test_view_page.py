@@ -22,7 +22,7 @@ from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.ros.diagnostics import status_message
 from tactile_dynamics_ros.share import share_file
 from tactile_dynamics_ros.synthetic import ScenarioOptions, generate
-from tactile_dynamics_ros.view.page import METRES_PER_NEWTON, LivePage, _error_marks
+from tactile_dynamics_ros.view.page import METRES_PER_NEWTON, LivePage
 from tactile_dynamics_ros.view.playback import Playback
 from tactile_dynamics_ros.view.state import (
     KEPT,
@@ -32,6 +32,7 @@ from tactile_dynamics_ros.view.state import (
     Push,
     Quantity,
     State,
+    error_marks,
     take_diagnosis,
 )
 
@@ -167,12 +168,12 @@ def test_a_diagnosis_offers_what_it_names_and_its_floor():
 def test_marks_of_the_error_are_its_floor_and_shades_of_regimes_and_failures():
     state = State(floor=0.9, regimes=((2.0, 4.0),), failing=((6.0, 7.0), (9.0, 9.5)))
     time = np.arange(10.0)
-    floor, regime, fails = _error_marks((time, 1.0 + 0.1 * time), state)
+    floor, regime, fails = error_marks((time, 1.0 + 0.1 * time), state)
     np.testing.assert_array_equal(floor, 0.9)
     np.testing.assert_array_equal(np.flatnonzero(regime), [2, 3, 4])
     np.testing.assert_array_equal(np.flatnonzero(fails), [6, 7, 9])
     assert regime.max() == pytest.approx(1.9)
-    assert not next(iter([*_error_marks((time, time), State())][1:])).any()
+    assert not next(iter([*error_marks((time, time), State())][1:])).any()
 
 
 def get(address, **headers):
