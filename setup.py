@@ -85,7 +85,7 @@ setup(
             "ros-jazzy-common-interfaces",
             "ros-jazzy-rmw-fastrtps-cpp",
         ],
-        "dask": ["distributed"],
+        "fleet": ["distributed", "pyarrow"],
         "sim": ["pybullet"],
         "train": ["torch"],
         "view": ["viser", "websockets"],

@@ -2,7 +2,9 @@
 
 ./dev bench stamps [--write]: list sections, the version of their rows and what changed since.
 ./dev bench all [--only SECTION ..]: run the commands of sections that are stale, one by one, and
-keep what they print in out/bench with version and machine; what is there is not run again.
+keep what they print in out/bench with version and machine; what is there is not run again, so that
+it goes on where Ctrl-C ended it. --release also puts what was printed, with the version, into the
+page of docs/lab; --dry-run says what would run, and which stamps are old.
 ./dev bench stamps --stamp SECTION: after its rows were entered, stamp it with that version.
 """
 
@@ -15,14 +17,18 @@ import re
 import shlex
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "benchmarks.md"
 RUNS = ROOT / "out" / "bench"
 STAMP = re.compile(r"as of `([0-9a-f]{7,40})`(?: on ([^,)]+))?(?:, (\d+) changes? since)?")
+OLD = 20
+"""Changes to what is measured that a stamp may be behind at a release. Fewer ask for hours of runs
+at each release; with more, some rows describe another program."""
 CORE = "tactile_dynamics_ros/core"
 MEASURED = {
     "Inertia": (f"{CORE}/inertia", f"{CORE}/numerics", "benchmarks/inertia"),
@@ -46,12 +52,14 @@ class Section:
     """A section of the page.
 
     Attributes:
-        title: as in the page. text: of it. commit: with which its rows came. machine: if stated.
+        title: as in the page. text: of it. record: its page in docs, as `lab/inertia.md`.
+        commit: with which its rows came. machine: if stated.
         commands: that make it, without arguments that the page leaves to the record.
     """
 
     title: str
     text: str
+    record: str
     commit: str
     machine: str
     commands: tuple[str, ...]
@@ -79,7 +87,9 @@ def read_sections(page: str) -> list[Section]:
             raise ValueError(f"{title}: no stamp such as (as of `a1b2c3d`)")
         head = text.partition("|")[0]
         commands = tuple(re.findall(r"`((?:\./dev bench|python -m benchmarks)[^`]*)`", head))
-        found.append(Section(title, text, stamp[1], stamp[2] or "", commands))
+        record = re.search(r"\]\((lab/\w+\.md)", head)
+        page_of = record[1] if record else ""
+        found.append(Section(title, text, page_of, stamp[1], stamp[2] or "", commands))
     return found
 
 
@@ -104,10 +114,15 @@ def restamp(page: str, title: str, commit: str, machine: str) -> str:
 
 
 def run_section(section: Section) -> bool:
-    """Run the commands of a section and keep what they print; return whether all succeeded."""
-    folder = RUNS / section.title.lower().replace(" ", "_")
+    """Run the commands of a section that this version has not run; return whether all succeeded."""
+    folder = _folder(section.title)
     folder.mkdir(parents=True, exist_ok=True)
+    version = {"commit": _git("rev-parse", "--short", "HEAD"), "machine": machine_name()}
+    kept = _run_of(section.title)
+    done = kept["commands"] if kept and kept["commit"] == version["commit"] else []
     for k, command in enumerate(section.commands):
+        if command in done:
+            continue
         words = shlex.split(command.replace("./dev bench", f"{sys.executable} benchmarks/run.py"))
         if words[0] == "python":
             words[0] = sys.executable
@@ -116,15 +131,42 @@ def run_section(section: Section) -> bool:
             if subprocess.run(words, cwd=ROOT, stdout=out).returncode:
                 print(f"error: {command} failed; {folder / f'{k}.txt'}", file=sys.stderr)
                 return False
-    told = {"commit": _git("rev-parse", "--short", "HEAD"), "machine": machine_name()}
-    (folder / "run.json").write_text(json.dumps(told | {"commands": section.commands}))
+        done = [*done, command]
+        (folder / "run.json").write_text(json.dumps(version | {"commands": done}))
     return True
 
 
-def kept_run(title: str) -> dict[str, str] | None:
+def kept_run(section: Section) -> dict[str, Any] | None:
     """Version and machine of a section's finished run; None if there is none."""
-    file = RUNS / title.lower().replace(" ", "_") / "run.json"
+    kept = _run_of(section.title)
+    return kept if kept and set(section.commands) <= set(kept["commands"]) else None
+
+
+def _run_of(title: str) -> dict[str, Any] | None:
+    file = _folder(title) / "run.json"
     return json.loads(file.read_text()) if file.exists() else None
+
+
+def _folder(title: str) -> Path:
+    return RUNS / title.lower().replace(" ", "_")
+
+
+def enter(record: str, section: Section, kept: dict[str, Any]) -> str:
+    """Return a page of docs/lab with what a section's commands printed, in place of what was there.
+
+    Args:
+        record: text of the page.
+        section: whose figures.
+        kept: version and machine of the run.
+    """
+    heading = f"## {section.title}: as printed at the release"
+    before, _, after = record.partition(f"{heading}\n")
+    rest = after.partition("\n## ")
+    lines = [heading, f"`{kept['commit']}` on {kept['machine']}, by `./dev bench all --release`."]
+    for k, command in enumerate(section.commands):
+        printed = (_folder(section.title) / f"{k}.txt").read_text().rstrip()
+        lines += ["", f"`{command}`", "", "```text", printed, "```"]
+    return before.rstrip() + "\n\n" + "\n".join(lines) + "\n" + "".join(rest[1:])
 
 
 def machine_name() -> str:
@@ -143,15 +185,45 @@ def _git(*words: str) -> str:
     return done.stdout.strip()
 
 
-def run_all(sections: Sequence[Section], only: Sequence[str]) -> int:
-    """Run what is stale, or what is named, unless this version has been run already."""
+def run_all(sections: Sequence[Section], only: Sequence[str], release: bool = False) -> int:
+    """Run what is stale, or what is named, unless this version has been run already.
+
+    Args:
+        sections: of the page.
+        only: titles; all if empty.
+        release: whether pages of docs/lab get what is printed.
+    """
     failed = 0
     for section in sections:
-        wanted = section.title in only if only else section.changes() != 0
-        kept = kept_run(section.title)
-        if wanted and (kept is None or kept["commit"] != _git("rev-parse", "--short", "HEAD")):
-            failed += not run_section(section)
+        if not (section.title in only if only else section.changes() != 0):
+            continue
+        kept = kept_run(section)
+        if kept is None or kept["commit"] != _git("rev-parse", "--short", "HEAD"):
+            if not run_section(section):
+                failed += 1
+                continue
+            kept = kept_run(section)
+        if release and kept and section.record:
+            page = PAGE.parent / section.record
+            page.write_text(enter(page.read_text(), section, kept))
+            print(f"{page}: enter its rows in {PAGE.name}, then ./dev bench stamps --stamp "
+                  f"'{section.title}'")  # fmt: skip
     return 1 if failed else 0
+
+
+def foresee(sections: Sequence[Section], only: Sequence[str]) -> Iterator[str]:
+    """Yield what `all` would run, and a warning of each stamp that is old.
+
+    Args:
+        sections: of the page.
+        only: titles; all if empty.
+    """
+    for section in sections:
+        count = section.changes()
+        if section.title in only if only else count != 0:
+            yield from (f"{section.title}: {command}" for command in section.commands)
+        if count is not None and count > OLD:
+            yield f"warning: {section.title}: stamp {section.commit} is {count} changes old"
 
 
 def main(run: bool = False) -> int:
@@ -159,15 +231,20 @@ def main(run: bool = False) -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     sections = read_sections(PAGE.read_text())
     titles = [section.title for section in sections]
-    parser.add_argument("--only", nargs="+", default=[], choices=titles, metavar="SECTION")
-    if not run:
-        parser.add_argument("--write", action="store_true", help="mark stale sections in the page")
-        parser.add_argument("--stamp", choices=titles, metavar="SECTION", help="with its last run")
-    args = parser.parse_args()
     if run:
-        return run_all(sections, args.only)
+        parser.add_argument("--only", nargs="+", default=[], choices=titles, metavar="SECTION")
+        parser.add_argument("--release", action="store_true", help="put it into docs/lab too")
+        parser.add_argument("--dry-run", action="store_true", help="say what would run, and stop")
+        args = parser.parse_args()
+        if args.dry_run:
+            print("\n".join(foresee(sections, args.only)))
+            return 0
+        return run_all(sections, args.only, args.release)
+    parser.add_argument("--write", action="store_true", help="mark stale sections in the page")
+    parser.add_argument("--stamp", choices=titles, metavar="SECTION", help="with its last run")
+    args = parser.parse_args()
     if args.stamp:
-        kept = kept_run(args.stamp)
+        kept = kept_run(next(one for one in sections if one.title == args.stamp))
         if kept is None:
             print(f"error: no finished run: ./dev bench all --only '{args.stamp}'", file=sys.stderr)
             return 2

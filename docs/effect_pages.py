@@ -202,7 +202,7 @@ def write_effect_page(docs: Path) -> None:
     for name in EFFECT_NAMES:
         (docs / PICTURES / f"{name}.png").write_bytes(make_picture(name))
     for name in JOINT_EFFECT_NAMES:
-        picture = _few_colours(draw_joint_signature(name))
+        picture = few_colours(draw_joint_signature(name))
         (docs / PICTURES / f"joints_{name}.png").write_bytes(picture)
     (docs / PAGE).write_text(make_effect_page(), encoding="utf-8")
 
@@ -210,10 +210,11 @@ def write_effect_page(docs: Path) -> None:
 def make_picture(name: str) -> bytes:
     """Return the picture of an effect as PNG of few colours."""
     with house_style():
-        return _few_colours(draw_signature(name))
+        return few_colours(draw_signature(name))
 
 
-def _few_colours(figure: Figure) -> bytes:
+def few_colours(figure: Figure) -> bytes:
+    """Return a figure as a small PNG."""
     png = to_png(figure)
     small = Image.open(io.BytesIO(png)).convert("RGB").quantize(_COLOURS, dither=Image.Dither.NONE)
     buffer = io.BytesIO()

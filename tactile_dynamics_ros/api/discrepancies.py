@@ -7,6 +7,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from tactile_dynamics_ros.api.properties import (
     Properties,
     before_and_after,
@@ -25,6 +28,8 @@ if TYPE_CHECKING:
     from tactile_dynamics_ros.core.discrepancy.explanation import Explanation as CoreExplanation
     from tactile_dynamics_ros.report.discrepancy_report import DiscrepancyFindings
     from tactile_dynamics_ros.report.page import Section
+
+Array = NDArray[np.float64]
 
 _SHOWN = 5
 """Candidates in the lines of a diagnosis; the document has all. What ranks lower has never been the
@@ -119,6 +124,25 @@ class Comparison(Discrepancy):
         """Return the error of every channel in units of the noise."""
         channels = self.document["error"]["channels"].items()
         return [("channel", "error / noise"), *((name, f"{rms:.2f}") for name, rms in channels)]
+
+    def error_over_time(self) -> tuple[Array, Array]:
+        """Return times in s and the error of all channels, averaged over half a second."""
+        from tactile_dynamics_ros.report.estimates import running_mean
+
+        residuals = self.answer.residuals
+        square = np.mean(residuals.white**2, axis=1, keepdims=True)
+        return residuals.time, np.sqrt(running_mean(residuals.time, square)[:, 0])
+
+    def regime_spans(self) -> list[tuple[float, float]]:
+        """Return starts and ends in s of the regime in which the error is larger; none if empty."""
+        from tactile_dynamics_ros.core.discrepancy.regimes.finding import RegimeFinding
+
+        if self.answer.regime is None:
+            return []
+        gate, conditions = self.answer.regime.gate, self.question.model.conditions()
+        condition = next(one for one in conditions if one.symbol == gate.symbol)
+        found = RegimeFinding(condition, gate, np.nan, np.nan)
+        return found.spans(self.answer.residuals.time)
 
     def draw(self) -> Figure:
         """Draw when the model is wrong."""

@@ -10,15 +10,18 @@ import sys
 from argparse import Namespace, _SubParsersAction
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from tactile_dynamics_ros.cli.batch_table import (
+    TEXTS,
     Answer,
     Job,
     ask,
     columns,
+    robots,
     row,
     short_names,
     write_index,
@@ -61,7 +64,10 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     parser.add_argument(
         "--scheduler",
         metavar="ADDRESS",
-        help="of a Dask cluster that sees the same files, as tcp://host:8786 (extra `dask`)",
+        help="of a Dask cluster that sees the same files, as tcp://host:8786 (extra `fleet`)",
+    )
+    parser.add_argument(
+        "--no-reports", action="store_true", help="only the tables: half the time, little storage"
     )
     parser.add_argument(
         "--timeout", type=POSITIVE, default=_TIMEOUT, metavar="S", help="per recording"
@@ -78,19 +84,25 @@ def run(args: Namespace) -> int:
         NotIdentifiableError: some recordings have no answer.
     """
     out, jobs = Path(args.out), make_jobs(args)
-    kept = {} if args.again else {job: answer for job in jobs if (answer := job.kept())}
+    if args.again:
+        for job in jobs:
+            job.forget()
+    kept = {job: answer for job in jobs if (answer := job.kept())}
     fresh = [job for job in jobs if job not in kept]
     if kept:
         print(f"note: {len(kept)} of {len(jobs)} are answered already", file=sys.stderr)
-    with _executor(args) as executor:
-        asked = _ask_all(executor, fresh)
+    asked = {}
+    if fresh:
+        with _executor(args.scheduler, min(args.workers, len(fresh))) as executor:
+            asked = _ask_all(executor, fresh)
     answers = [kept.get(job) or asked[job] for job in jobs]
     header = columns(args.question)
-    rows = [row(args.question, answer) for answer in answers]
-    _write_table(out / "table.csv", header, rows)
-    page = write_index(args.question, answers, out)
+    pairs = zip(answers, robots(answers), strict=True)
+    rows = [row(args.question, answer, robot) for answer, robot in pairs]
+    tables = list(_write_tables(out, header, rows))
+    page = write_index(args.question, answers, rows, out)
     _show(args, answers, header, rows)
-    print(f"table: {out / 'table.csv'}\nreports: {page}", file=sys.stderr)
+    print(f"table: {' '.join(map(str, tables))}\nreports: {page}", file=sys.stderr)
     without = sum(not answer.document for answer in answers)
     if without:
         raise NotIdentifiableError(
@@ -106,7 +118,7 @@ def make_jobs(args: Namespace) -> list[Job]:
         BadInputError: nothing matches.
     """
     found = [path for pattern in args.bag for path in sorted(glob.glob(pattern, recursive=True))]
-    recordings = [Path(path).resolve() for path in dict.fromkeys(found)]
+    recordings = list(dict.fromkeys(Path(path).resolve() for path in found))
     if not recordings:
         raise BadInputError(f"no recording matches {' '.join(args.bag)}")
     root = Path(os.path.commonpath([recording.parent for recording in recordings]))
@@ -119,6 +131,7 @@ def make_jobs(args: Namespace) -> list[Job]:
             args.question,
             options,
             args.timeout,
+            not args.no_reports,
         )
         for recording in recordings
     ]
@@ -137,25 +150,30 @@ def _forwarded(args: Namespace) -> Iterator[str]:
 
 
 @contextmanager
-def _executor(args: Namespace) -> Iterator[Executor]:
-    """Processes of this machine, each waited for by a thread, or a Dask cluster.
+def _executor(scheduler: str | None, workers: int) -> Iterator[Executor]:
+    """A Dask cluster, of this machine if no other is named; threads for one worker or without Dask.
+
+    Either waits for a process per recording. Dask starts a killed worker anew and asks again.
 
     Raises:
         BadInputError: the cluster cannot be reached, or its library is missing.
     """
-    if args.scheduler is None:
-        with ThreadPoolExecutor(args.workers) as threads:
+    if scheduler is None and (workers == 1 or find_spec("distributed") is None):
+        with ThreadPoolExecutor(workers) as threads:
             yield threads
         return
-    require_extra("distributed", "dask", "--scheduler")
-    from distributed import Client
+    require_extra("distributed", "fleet", "--scheduler")
+    from distributed import Client, LocalCluster
 
-    try:
-        client = Client(args.scheduler, timeout="10s")
-    except (OSError, ValueError) as error:
-        raise BadInputError(f"--scheduler {args.scheduler}: no Dask scheduler answers") from error
-    with client, client.get_executor(pure=False) as cluster:
-        yield cluster
+    with ExitStack() as stack:
+        options = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": None}
+        try:
+            at = scheduler or stack.enter_context(LocalCluster(**options)).scheduler_address
+            client = stack.enter_context(Client(at, timeout="10s"))
+        except (OSError, ValueError, RuntimeError) as error:
+            where = f"--scheduler {scheduler}" if scheduler else f"--workers {workers}"
+            raise BadInputError(f"{where}: no Dask scheduler answers ({error})") from error
+        yield stack.enter_context(client.get_executor(pure=False))
 
 
 def _ask_all(executor: Executor, jobs: Sequence[Job]) -> dict[Job, Answer]:
@@ -165,7 +183,13 @@ def _ask_all(executor: Executor, jobs: Sequence[Job]) -> dict[Job, Answer]:
     try:
         for future in as_completed(futures):
             job = futures[future]
-            answers[job] = future.result()
+            try:
+                answers[job] = future.result()
+            except (
+                Exception
+            ) as error:  # the worker or the cluster is gone: `ask` itself never raises
+                said = f"its worker was lost: {error}"
+                answers[job] = Answer(job.recording, job.folder, "crashed", 0.0, {}, said)
             _tell(len(answers), len(jobs), answers[job])
     finally:
         for future in futures:
@@ -180,13 +204,31 @@ def _tell(count: int, total: int, answer: Answer) -> None:
     print(" ".join(line.split()), file=sys.stderr, flush=True)
 
 
-def _write_table(file: Path, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Write the table as CSV."""
+def _write_tables(
+    folder: Path, header: Sequence[str], rows: Sequence[Sequence[str]]
+) -> Iterator[Path]:
+    """Write the table as CSV and, where its library is installed, as Parquet; yield the files."""
     with (
-        written_whole(file) as part,
+        written_whole(folder / "table.csv") as part,
         part.open("w", newline="", encoding="utf-8") as stream,
     ):
         csv.writer(stream).writerows([header, *rows])
+    yield folder / "table.csv"
+    if find_spec("pyarrow") is None:
+        return
+    import pyarrow
+    from pyarrow import parquet
+
+    arrays = {}
+    for name, cells in zip(header, zip(*rows, strict=True), strict=True):
+        if name in TEXTS:
+            arrays[name] = pyarrow.array(cells, pyarrow.string())
+        else:
+            numbers = [float(cell) if cell else None for cell in cells]
+            arrays[name] = pyarrow.array(numbers, pyarrow.float64())
+    with written_whole(folder / "table.parquet") as part:
+        parquet.write_table(pyarrow.table(arrays), part)
+    yield folder / "table.parquet"
 
 
 def _show(

@@ -1,4 +1,4 @@
-"""Answers about many recordings: each asked in a process, a table, a page of links."""
+"""Answers about many recordings: each asked in a process, a table, a page of what stands out."""
 
 from __future__ import annotations
 
@@ -11,9 +11,15 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from tactile_dynamics_ros.core.files import written_whole
+
+if TYPE_CHECKING:
+    from tactile_dynamics_ros.report.fleet import Fleet
+    from tactile_dynamics_ros.report.page import Link
 
 ANSWER = "answer.json"
 """Name of the file that keeps the answer about a recording, beside its report."""
@@ -32,6 +38,7 @@ class Job:
         verb: the question.
         options: further arguments of the verb.
         timeout: s after which the recording is given up.
+        report: whether a page with figures is made of it too.
     """
 
     recording: str
@@ -39,12 +46,17 @@ class Job:
     verb: str
     options: tuple[str, ...]
     timeout: float
+    report: bool = True
 
     def identity(self) -> list[Any]:
         """What an answer depends on: the question, and size and age of the recording."""
         files = [Path(self.recording), *sorted(Path(self.recording).rglob("*"))]
         seen = [[file.name, file.stat().st_size, file.stat().st_mtime_ns] for file in files]
-        return [self.verb, list(self.options), seen]
+        return [self.verb, list(self.options), self.report, seen]
+
+    def forget(self) -> None:
+        """Remove the answer of an earlier run."""
+        (Path(self.folder) / ANSWER).unlink(missing_ok=True)
 
     def kept(self) -> Answer | None:
         """The answer of an earlier run to this very question, unless that crashed."""
@@ -85,7 +97,13 @@ class Answer:
 
 
 def ask(job: Job) -> Answer:
-    """Ask about one recording in a process of its own, and keep the answer; never raises for it."""
+    """Ask about one recording in a process of its own, and keep the answer; never raises for it.
+
+    Asked once more, as of a worker that was killed before it handed its answers over, the answer
+    that is kept is returned.
+    """
+    if (answer := job.kept()) is not None:
+        return answer
     folder = Path(job.folder)
     folder.mkdir(parents=True, exist_ok=True)
     began = time.monotonic()
@@ -100,7 +118,7 @@ def ask(job: Job) -> Answer:
 def _run(job: Job) -> tuple[str, dict[str, Any], str]:
     """Return status, document and message of the verb."""
     command = [sys.executable, "-P", "-m", "tactile_dynamics_ros.cli.main", job.verb, job.recording]
-    command += [*job.options, "--json", "--out", job.folder]
+    command += [*job.options, "--json", *(("--out", job.folder) if job.report else ())]
     threads = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     try:
         done = subprocess.run(
@@ -211,15 +229,46 @@ _COLUMNS: dict[str, dict[str, Callable[[Document], str]]] = {
 """What the table has of each verb's document."""
 
 
+TEXTS = ("recording", "robot", "status", "undetermined", "adequate", "verdict", "effect", "group")
+TEXTS += ("effects", "message")
+"""Columns of words; all others are numbers."""
+
+_UNTESTED = ("mass_std_kg", "friction_force_std_n", "p_value", "noise_floor", "seconds")
+"""Columns of numbers in which no drift is looked for: they follow the motion and the machine."""
+
+
 def columns(verb: str) -> list[str]:
     """Names of the columns of a verb's table."""
-    return ["recording", "status", *_COLUMNS[verb], "seconds", "message"]
+    return ["recording", "robot", "status", *_COLUMNS[verb], "seconds", "message"]
 
 
-def row(verb: str, answer: Answer) -> list[str]:
+def row(verb: str, answer: Answer, robot: str = "") -> list[str]:
     """One recording's cells; those of its document are empty without an answer."""
     said = [_told(cell, answer.document) for cell in _COLUMNS[verb].values()]
-    return [answer.recording, answer.status, *said, f"{answer.seconds:.1f}", answer.message]
+    return [answer.recording, robot, answer.status, *said, f"{answer.seconds:.1f}", answer.message]
+
+
+def robots(answers: Sequence[Answer]) -> list[str]:
+    """Whose each recording is: the name of the first folder below the one that holds them all."""
+    root = Path(_root(answers))
+    below = [Path(answer.recording).relative_to(root).parts for answer in answers]
+    return [parts[0] if len(parts) > 1 else root.name for parts in below]
+
+
+def _fleet(verb: str, rows: Sequence[Sequence[str]], links: Sequence[str | Link]) -> Fleet:
+    """Each robot's numbers in the order of its recordings."""
+    from tactile_dynamics_ros.report.fleet import Fleet, Track
+
+    header, tracks = columns(verb), []
+    for robot in dict.fromkeys(row[1] for row in rows):
+        for k, name in enumerate(header):
+            if name in TEXTS or name in _UNTESTED:
+                continue
+            own = [n for n, row in enumerate(rows) if row[1] == robot and row[k]]
+            values = np.array([float(rows[n][k]) for n in own])
+            if len(own):
+                tracks.append(Track(robot, name, tuple(links[n] for n in own), values))
+    return Fleet(tracks)
 
 
 def _told(cell: Callable[[Document], str], document: Document) -> str:
@@ -230,24 +279,30 @@ def _told(cell: Callable[[Document], str], document: Document) -> str:
         return ""
 
 
-def write_index(verb: str, answers: Sequence[Answer], folder: Path) -> Path:
-    """Write DIR/report.html: what was said how often, and a row with a link per recording."""
+def write_index(
+    verb: str, answers: Sequence[Answer], rows: Sequence[Sequence[str]], folder: Path
+) -> Path:
+    """Write DIR/report.html: what was said how often, what stands out, a row per recording."""
     from tactile_dynamics_ros.report.page import Link, Page, Section, write_page
 
     counts = Counter(_kind(answer) for answer in answers)
     said = ", ".join(f"{kind}: {count}" for kind, count in counts.most_common())
-    rows: list[list[str | Link]] = []
+    links: list[str | Link] = []
     for name, answer in zip(short_names(answers), answers, strict=True):
         page = answer.report
         target = os.path.relpath(page, folder.resolve()) if page else ""
-        rows.append([Link(name, target) if page else name, *row(verb, answer)[1:]])
+        links.append(Link(name, target) if page else name)
+    listed = [[link, *cells[1:]] for link, cells in zip(links, rows, strict=True)]
     page = Page(
         title=f"{verb} of {len(answers)} recordings",
         verdict=said,
         good=all(answer.document for answer in answers),
         source=_root(answers),
         command=f"tactile-dynamics batch {verb} ...",
-        sections=[Section("Recordings", header=columns(verb), rows=rows)],
+        sections=[
+            *_fleet(verb, rows, links).sections(),
+            Section("Recordings", header=columns(verb), rows=listed),
+        ],
     )
     return write_page(page, folder)
 

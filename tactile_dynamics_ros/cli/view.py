@@ -23,7 +23,9 @@ from tactile_dynamics_ros.core.options import PORT
 if TYPE_CHECKING:
     from rclpy.node import Node
 
+    from tactile_dynamics_ros.view.live import LiveSource
     from tactile_dynamics_ros.view.page import LivePage
+    from tactile_dynamics_ros.view.state import State
 
 _PERIOD = 0.1
 """Time between pictures, s: fluent for a person, and a tenth of a core at most. Twice as often
@@ -129,6 +131,8 @@ def _play(args: Namespace, stop: StopRequest) -> None:
     else:
         playback = Playback(read_recording(args))
     with served(args, {"Diagnose": playback.diagnose}) as page:
+        if isinstance(playback, Playback):
+            page.allow_adding(playback.add)
         moment = page.add_time(playback.duration)
         count = 0
         while not stop.requested:
@@ -144,26 +148,25 @@ def _play(args: Namespace, stop: StopRequest) -> None:
 def _watch(args: Namespace, stop: StopRequest) -> None:
     """Show what nodes publish until somebody stops it."""
     from tactile_dynamics_ros.cli.topics import short_lived_node
+    from tactile_dynamics_ros.view.live import LiveSource
 
     with short_lived_node(args.namespace or "") as node:
         control = Control(node) if args.control else None
         with served(args, control.actions() if control else None) as page:
+            source = LiveSource(node)
             if control:
-                control.add_effects(page)
-            follow(page, node, lambda: stop.requested)
+                control.add_effects(page, source.state)
+            follow(page, source, lambda: stop.requested)
 
 
-def follow(page: LivePage, node: Node, stop: Callable[[], bool]) -> None:
+def follow(page: LivePage, source: LiveSource, stop: Callable[[], bool]) -> None:
     """Show what nodes publish on a page.
 
     Args:
         page: to show it on.
-        node: that listens, in the namespace of the hand; nobody else may spin it.
+        source: of their messages; nobody else may spin its node.
         stop: asked ten times a second.
     """
-    from tactile_dynamics_ros.view.live import LiveSource
-
-    source = LiveSource(node)
     count = 0
     while not stop():
         if count % _DISCOVER_EVERY == 0:
@@ -198,11 +201,17 @@ class Control:
         calls = {text: self._caller(*service) for text, service in SERVICES.items()}
         return {"STOP": self._halt, "Allow motion again": self._release, **calls}
 
-    def add_effects(self, page: LivePage) -> None:
-        """Add the choice of the effects of the model."""
+    def add_effects(self, page: LivePage, state: State) -> None:
+        """Add the choice of the effects of the model, and buttons for those that are missing.
+
+        Args:
+            page: to add them to.
+            state: of the model.
+        """
         from tactile_dynamics_ros.core.effects import EFFECT_NAMES
 
         page.add_choice("Effects of the model", EFFECT_NAMES, self._set_effects)
+        page.allow_adding(lambda name: self._set_effects([*state.effects, name], state))
 
     def _halt(self) -> str:
         self._stop.publish(self._message(data=True))
@@ -217,11 +226,13 @@ class Control:
 
         return lambda: self._alone(lambda: _words(*call_trigger(self._node, service, timeout)))
 
-    def _set_effects(self, names: list[str]) -> str:
+    def _set_effects(self, names: list[str], state: State | None = None) -> str:
         from tactile_dynamics_ros.cli.topics import set_parameter
 
+        estimator = "property_estimator" if state and state.numbers else "inertial_estimator"
+
         def change() -> str:
-            set_parameter(self._node, "inertial_estimator", "effects", names, 10.0)
+            set_parameter(self._node, estimator, "effects", names, 10.0)
             return f"effects of the model: {', '.join(names) or 'none'}"
 
         return self._alone(change)

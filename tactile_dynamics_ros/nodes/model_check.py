@@ -307,7 +307,8 @@ class ModelCheckNode(Shell):
         verdict = document["verdict"]
         level = DiagnosticStatus.OK if verdict == "adequate" else DiagnosticStatus.WARN
         text = document.get("sentence") or verdict
-        values = {**document["error"], "effect": document["effect"], "group": document["group"]}
+        found = {"effect": document["effect"] or "", "group": ",".join(document["group"])}
+        values = {**document["error"], **found}
         message = DiagnosticArray(header=header(self._window.newest, "object"))
         message.status = [status_message("diagnosis", {"verdict": verdict, **values}, level, text)]
         for candidate in document["candidates"]:

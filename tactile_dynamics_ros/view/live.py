@@ -177,6 +177,7 @@ class LiveSource:
         state, time = self.state, to_seconds(message.header.stamp)
         said = read_inertia_status(message.status)
         state.remark, state.good, state.body = said.text, said.good, None
+        state.effects = said.effects
         if not said.known:
             return
         mass, std = said.value[0], said.std[0]

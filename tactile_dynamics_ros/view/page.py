@@ -16,7 +16,7 @@ from viser import ViserServer, uplot
 from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion
 from tactile_dynamics_ros.view.gate import Gate
 from tactile_dynamics_ros.view.robot import RobotFigure
-from tactile_dynamics_ros.view.state import Force, Push, Quantity, State
+from tactile_dynamics_ros.view.state import Force, Push, Quantity, State, error_marks
 
 Array = NDArray[np.float64]
 
@@ -39,7 +39,11 @@ _HEIGHT = 0.002
 _PUSH_HEIGHT = 0.03
 """Height of the arrows of pushes above the support, m: about where tips push."""
 
+_REGIME, _FAILS = "rgba(122, 94, 168, 0.25)", "rgba(200, 66, 59, 0.12)"
+"""Shades where an effect acts and where the model fails: violet and red, both seen if both are."""
+
 CHARTS = {
+    "error": "error over noise; red dashes: its floor",
     "load": "vertical force, N",
     "friction_force_n": "friction force, N",
     "mass": "mass, g",
@@ -47,7 +51,6 @@ CHARTS = {
     "com_x": "centre of mass x, mm",
     "com_y": "centre of mass y, mm",
     "friction": "friction",
-    "error": "error",
 }
 """Charts by quantity of the state; the state has them in these units."""
 
@@ -80,6 +83,8 @@ class LivePage:
         self._numbers = gui.add_html("")
         self.buttons = [self._add_button(*one) for one in (actions or {}).items()]
         self._answer = gui.add_html("")
+        self._add: Callable[[str], str] | None = None
+        self._offers: dict[str, Any] = {}
         self._charts: dict[str, Any] = {}
         self._content: dict[str, Array] = {}
 
@@ -115,6 +120,7 @@ class LivePage:
                 self._show_force(name, force)
         self._say(self._verdict, _verdict(state))
         self._say(self._numbers, _numbers(state))
+        self._offer([name for name in state.missing if name not in state.effects])
 
     def draw_charts(self, state: State) -> None:
         """Draw the histories; less often than the scene, since whole columns are sent."""
@@ -123,12 +129,22 @@ class LivePage:
             if history is None:
                 continue
             columns = tuple(history.columns())
+            if name == "error":
+                columns += tuple(error_marks(columns, state))
             if name not in self._charts:
                 banded = np.any(columns[2] != columns[3])
                 said = f"{title} (band: ± one std)" if banded else title
                 self._charts[name] = self._add_chart(columns, said)
             else:
                 self._charts[name].data = columns
+
+    def allow_adding(self, add: Callable[[str], str]) -> None:
+        """Offer a button for each effect that a diagnosis names; it asks before it adds.
+
+        Args:
+            add: adds the effect of a name to the model and returns the answer in words.
+        """
+        self._add = add
 
     def answer(self, text: str) -> None:
         """Show what an action answered."""
@@ -147,6 +163,33 @@ class LivePage:
             boxes = {name: gui.add_checkbox(name, False) for name in names}
             self._add_button("Set", lambda: choose([n for n, box in boxes.items() if box.value]))
 
+    def _offer(self, names: Sequence[str]) -> None:
+        """Show the buttons of those effects that can be added, and no others."""
+        for name in [name for name in self._offers if name not in names]:
+            self._offers.pop(name).remove()
+        for name in names if self._add else ():
+            if name not in self._offers:
+                button = self.server.gui.add_button(
+                    f"Add {name} ...", order=self._verdict.order + 0.5
+                )
+                button.on_click(partial(self._confirm, name))
+                self._offers[name] = button
+
+    def _confirm(self, name: str, event: Any) -> None:
+        """Ask, on the page of whoever pressed the button, whether an effect is to be added."""
+        gui = self.server.gui if event.client is None else event.client.gui
+        modal = gui.add_modal(f"Add {name} to the model?")
+        with modal:
+            gui.add_html("<p>The estimate is made anew with it. Nothing moves.</p>")
+            yes, no = gui.add_button("Yes, add it"), gui.add_button("No")
+        no.on_click(lambda _: modal.close())
+
+        @yes.on_click
+        def _(_: Any) -> None:
+            modal.close()
+            self.answer(f"adding {name} ...")
+            self.answer(self._add(name) if self._add else "")
+
     def _add_button(self, text: str, action: Callable[[], str]) -> Any:
         button = self.server.gui.add_button(text, color="red" if text.isupper() else None)
 
@@ -158,15 +201,22 @@ class LivePage:
         return button
 
     def _add_chart(self, columns: tuple[Array, ...], title: str) -> Any:
-        blue = "rgb(37, 99, 235)"
-        edge = uplot.Series(label="", stroke="rgba(0,0,0,0)", points={"show": False})
+        """Add a chart of a value with its band, and of the marks of an error, if it has them."""
+        none = {"show": False}
+        edge = uplot.Series(label="", stroke="rgba(0,0,0,0)", points=none)
+        marks = (
+            uplot.Series(label="floor", stroke="#c8423b", dash=(5, 4), points=none),
+            uplot.Series(label="regime", stroke="rgba(0,0,0,0)", fill=_REGIME, points=none),
+            uplot.Series(label="fails", stroke="rgba(0,0,0,0)", fill=_FAILS, points=none),
+        )
         return self.server.gui.add_uplot(
             columns,
             (
                 uplot.Series(label="s"),
-                uplot.Series(label=title, stroke=blue, width=2, points={"show": False}),
+                uplot.Series(label=title, stroke="rgb(37, 99, 235)", width=2, points=none),
                 edge,
                 edge,
+                *marks[: len(columns) - 4],
             ),
             bands=(uplot.Band(series=(3, 2), fill="rgba(37, 99, 235, 0.18)", dir=-1),),
             scales={"x": uplot.Scale(time=False, auto=True), "y": uplot.Scale(auto=True)},
@@ -333,7 +383,10 @@ def _numbers(state: State) -> str:
     if state.friction is not None:
         rows.append(("friction", _plain(state.friction)))
     if state.error is not None:
-        rows.append(("error", f"{state.error:.2f} × the noise"))
+        rows.append(("error", f"{state.error:.2f} × the noise (floor {state.floor:.2f})"))
+    if state.effects:
+        rows.append(("effects of the model", html.escape(", ".join(state.effects))))
+    rows += [("it fails", html.escape(place)) for place in state.fails]
     cells = "".join(
         f"<tr><td style='padding-right:1.2em'>{name}</td><td>{value}</td></tr>"
         for name, value in rows

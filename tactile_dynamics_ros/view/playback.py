@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
+from tactile_dynamics_ros.api.discrepancies import Comparison
 from tactile_dynamics_ros.api.verbs import diagnose, estimate
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.streams.streams import nearest_samples
 from tactile_dynamics_ros.recording import Recording
-from tactile_dynamics_ros.view.state import KEPT, Body, Force, Quantity, State
+from tactile_dynamics_ros.view.state import KEPT, Body, Force, History, Quantity, Span, State
 
 _NEAR = 0.1
 """Distance of a sample, s, up to which it is shown for a time: twice the period of slow loggers.
 Smaller makes arrows flicker on them, larger shows forces that are gone."""
+
+
+_PLACES = 3
+"""Places shown of those where the model fails, worst first: a phone shows no more at a glance."""
 
 
 class Playback:
@@ -31,6 +38,8 @@ class Playback:
         self.start = min(float(time[0]) for time in times if len(time))
         self.stop = max(float(time[-1]) for time in times if len(time))
         self._state = State()
+        self._effects: tuple[str, ...] = ()
+        self._first = self.start
         self._estimate()
         self._add_load()
 
@@ -63,29 +72,58 @@ class Playback:
     def diagnose(self) -> str:
         """Find out which effect is missing; return the sentence."""
         try:
-            document = diagnose(self.recording).to_json()
+            found = diagnose(self.recording, effects=self._effects)
         except TactileDynamicsError as error:
             return str(error)
-        self._state.verdict = str(document["sentence"])
-        self._state.good = document["verdict"] == "adequate"
-        return self._state.verdict
+        document, state = found.to_json(), self._state
+        state.verdict, state.floor = str(document["sentence"]), document["error"]["noise_floor"]
+        state.fits = found.verdict == "adequate"
+        state.missing = tuple(filter(None, dict.fromkeys((found.effect, *document["group"]))))
+        state.regimes = self._in_chart(found.findings.regimes)
+        return state.verdict
 
-    def _estimate(self) -> None:
+    def add(self, name: str) -> str:
+        """Add an effect to the model and estimate anew; return how the error changes."""
+        before, state = self._state.error, self._state
+        self._effects = (*self._effects, name)
+        if not self._estimate():
+            self._effects = self._effects[:-1]
+            said, _ = state.remark, self._estimate()
+            return f"{name} is not added: {said}"
+        state.missing, state.verdict, state.fits = (), "", True
+        return f"{name} is added: error {before or np.nan:.2f} -> {state.error:.2f}"
+
+    def _in_chart(self, spans: Iterable[Span]) -> tuple[Span, ...]:
+        return tuple((a - self._first, b - self._first) for a, b in spans)
+
+    def _estimate(self) -> bool:
+        """Estimate with the effects of the model, and show where it fails; return success."""
+        state = self._state
         try:
-            asked = estimate(self.recording)
-            found = asked.to_json()
+            asked = estimate(self.recording, effects=self._effects)
+            found, compared = asked.to_json(), Comparison.of(asked.question)
         except TactileDynamicsError as error:
-            self._state.remark, self._state.good = str(error), False
-            return
+            state.remark, state.good = str(error), False
+            return False
         mass, com = found["mass"], found["com"]
-        self._state.body = Body(
+        state.body = Body(
             Quantity(mass["value"], mass["std"]), np.array(com["value"]), np.array(com["std"])
         )
-        error = self._state.error = found["error"]["whitened_rms"]
-        self._state.good = asked.fits
-        self._state.remark = f"The model fits: error {error:.2f} times the noise."
+        error, state.effects = found["error"]["whitened_rms"], self._effects
+        state.error, state.good = error, asked.fits
+        state.remark = f"The model fits: error {error:.2f} times the noise."
         if asked.question.misfit:
-            self._state.remark = f"Note: {asked.question.misfit}."
+            state.remark = f"Note: {asked.question.misfit}."
+        places = compared.document["fails_where"][:_PLACES]
+        state.fails = tuple(f"{one['channel']} {one['condition']}" for one in places)
+        time, errors = compared.error_over_time()
+        self._first = float(time[0])
+        state.failing = self._in_chart(compared.answer.intervals)
+        state.regimes = self._in_chart(compared.regime_spans())
+        history = state.histories["error"] = History(whole=True)
+        for k in np.unique(np.linspace(0, len(time) - 1, min(len(time), KEPT)).astype(int)):
+            history.add(time[k], errors[k])
+        return True
 
     def _add_load(self) -> None:
         """The vertical force of all contacts over the whole recording, for its chart."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.ros.diagnostics import OK, Statuses, status_values
 
 Array = NDArray[np.float64]
+Span = tuple[float, float]
 
 KEPT = 600
 """Points of a chart: a minute at 10 Hz, about as many as it has pixels. More cost time to send."""
@@ -84,9 +85,14 @@ class Push:
 
 
 class History:
-    """The last values of a quantity with their bands."""
+    """The last values of a quantity with their bands.
 
-    def __init__(self) -> None:
+    Args:
+        whole: whether all values are drawn, however far they lie from the newest.
+    """
+
+    def __init__(self, whole: bool = False) -> None:
+        self._whole = whole
         self._rows: deque[tuple[float, float, float]] = deque(maxlen=KEPT)
 
     def add(self, time: float, value: float, std: float = 0.0) -> None:
@@ -107,6 +113,7 @@ class History:
             return np.zeros((4, 0))
         lately = value[len(value) // 2 :]
         reach = _REACH * max(np.ptp(lately), 2.0 * std[-1], 0.02 * abs(value[-1]))
+        reach = np.inf if self._whole else reach
         rows = np.array([value, value - std, value + std])
         return np.vstack([time - time[0], np.clip(rows, value[-1] - reach, value[-1] + reach)])
 
@@ -120,7 +127,11 @@ class State:
         forces: by contact.
         body: mass and centre of mass.
         friction: static coefficient.
-        error: whitened RMS; 1 is the noise that sensors report.
+        error: whitened RMS; 1 is the noise that sensors report. floor: to which it can fall.
+        fails: sentences on where the model fails.
+        failing: stretches (start, end) of the charts' time, s, in which it fails.
+        regimes: those in which a named effect acts.
+        effects: of the model. missing: names of which one may be added.
         remark: what the estimator says of its estimate.
         good: whether that is good news.
         verdict: of the last diagnosis, in a sentence. fits: whether it found nothing missing.
@@ -143,6 +154,12 @@ class State:
     body: Body | None = None
     friction: Quantity | None = None
     error: float | None = None
+    floor: float = 1.0
+    fails: tuple[str, ...] = ()
+    failing: tuple[Span, ...] = ()
+    regimes: tuple[Span, ...] = ()
+    effects: tuple[str, ...] = ()
+    missing: tuple[str, ...] = ()
     remark: str = ""
     good: bool = True
     verdict: str = ""
@@ -164,6 +181,22 @@ class State:
     def note(self, name: str, time: float, value: float, std: float = 0.0) -> None:
         """Add a value to the history of a quantity."""
         self.histories.setdefault(name, History()).add(time, value, std)
+
+
+def error_marks(columns: Sequence[Array], state: State) -> Iterator[Array]:
+    """Yield the floor, and shades up to the largest error where a regime holds and where it fails.
+
+    Args:
+        columns: time, s, and error of the chart.
+        state: with floor and stretches.
+    """
+    time, error = columns[:2]
+    yield np.full(len(time), state.floor)
+    top = np.max(error, initial=state.floor)
+    for spans in (state.regimes, state.failing):
+        yield top * np.any(
+            [(time >= a) & (time <= b) for a, b in spans] or [time < -np.inf], axis=0
+        )
 
 
 _TRIANGLE_LIST, _ADD = 11, 0
@@ -215,6 +248,7 @@ def take_property_status(state: State, time: float, statuses: Any) -> None:
     values = {name: tuple(pair) for name, pair in pairs.items() if np.isfinite(pair).all()}
     take_properties(state, time, values, read.words("link_1", "undetermined"))
     state.remark, state.good = read.text("link_1"), read.level("link_1") == OK
+    state.effects = read.words("solver", "effects")
     error = read.number("solver", "whitened_rms")
     if np.isfinite(error):
         state.error = error
@@ -222,9 +256,13 @@ def take_property_status(state: State, time: float, statuses: Any) -> None:
 
 
 def take_diagnosis(state: State, statuses: Any) -> None:
-    """Take the verdict of `model_check`."""
+    """Take the verdict of `model_check`, and what it names."""
     read = Statuses(statuses)
     state.verdict, state.fits = read.text("diagnosis"), read.level("diagnosis") == OK
+    floor = read.number("diagnosis", "noise_floor")
+    state.floor = floor if np.isfinite(floor) else 1.0
+    named = (*read.words("diagnosis", "effect"), *read.words("diagnosis", "group"))
+    state.missing = tuple(dict.fromkeys(named))
 
 
 def take_markers(state: State, markers: Any) -> bool:

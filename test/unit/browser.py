@@ -48,6 +48,18 @@ class Browser:
             assert time.monotonic() < deadline, f"no '{text}' in: {self.text}"
             time.sleep(0.3)
 
+    def wait_until(self, expression, seconds=90.0):
+        """Return once an expression is true on the page."""
+        deadline = time.monotonic() + seconds
+        while not self.value(expression):
+            assert time.monotonic() < deadline, f"never {expression}: {self.text}"
+            time.sleep(0.3)
+
+    def resize(self, width, height):
+        """Show the page as a screen of this size in pixels would, a phone's too."""
+        metrics = {"width": width, "height": height, "deviceScaleFactor": 1}
+        self.call("Emulation.setDeviceMetricsOverride", mobile=width < 600, **metrics)
+
     def click(self, text):
         """Press the button with a text."""
         button = (

@@ -40,7 +40,9 @@ def runs(tmp_path, monkeypatch):
 
 def ask(folder, *more):
     pattern = str(folder / "runs" / "**" / "*.mcap")
-    return main(["batch", "diagnose", pattern, "--out", str(folder / "out"), *more])
+    return main(
+        ["batch", "diagnose", pattern, "--out", str(folder / "out"), "--workers", "1", *more]
+    )
 
 
 def test_a_bad_recording_does_not_stop_the_others(runs, capsys):
@@ -72,6 +74,17 @@ def test_it_resumes_where_it_was_and_asks_again_what_has_changed(runs):
     assert len(asked) == 5
 
 
+def test_what_a_lost_worker_had_answered_is_not_asked_twice_unless_that_is_wanted(runs):
+    folder, asked = runs
+    ask(folder)
+    asked.clear()
+    out = folder / "out" / "reports" / "a" / "1.mcap"
+    job = batch_jobs.Job(str(folder / "runs" / "a" / "1.mcap"), str(out), "diagnose", (), 1800.0)
+    assert batch_jobs.ask(job).document == SAID and asked == []
+    ask(folder, "--again")
+    assert len(asked) == 5
+
+
 def test_an_answer_that_was_cut_off_is_asked_again(runs):
     folder, asked = runs
     ask(folder)
@@ -98,7 +111,8 @@ def test_the_verb_itself_is_asked_in_a_process_of_its_own(tmp_path, capfd):
     held_box().to_bag(tmp_path / "good")
     (tmp_path / "bad.mcap").write_bytes(b"x")
     names = [str(tmp_path / name) for name in ("good", "bad.mcap")]
-    assert main(["batch", "estimate", *names, "--out", str(tmp_path / "out"), "--json"]) == 3
+    out = str(tmp_path / "out")
+    assert main(["batch", "estimate", *names, "--out", out, "--json", "--workers", "2"]) == 3
     good, bad = json.loads(capfd.readouterr().out)
     assert good["status"] == "done" and good["estimate"]["mass"]["value"] > 0.0
     assert bad["status"] == "bad input" and "bad.mcap" in bad["message"]

@@ -47,6 +47,17 @@ def test_every_example_is_short_and_says_how_to_run_it():
         assert index.count(f"]({path.name})") == 1, path.name
 
 
+def test_the_gallery_shows_what_an_example_draws(tmp_path, monkeypatch):
+    from docs import example_pictures
+
+    shown = re.findall(r'\]\((\d\d)_.*src="\.\./(.*?)"', (EXAMPLES / "README.md").read_text())
+    assert len(shown) >= 15
+    assert all((EXAMPLES.parent / picture).is_file() for _, picture in shown)
+    monkeypatch.setattr(example_pictures, "PICTURES", tmp_path)
+    assert example_pictures.main(["16"]) == 0
+    assert (tmp_path / "16.png").read_bytes().startswith(b"\x89PNG")
+
+
 def _print(name: str, capsys, monkeypatch, folder: Path) -> str:
     """Run a short example as its first line says, and return what it prints."""
     (path,) = EXAMPLES.glob(f"{name}_*.py")
@@ -64,7 +75,7 @@ def _numbers(pattern: str, text: str) -> list[float]:
 SAYS = {
     "05": "brush: all requirements hold",
     "06": "thumb +sensor at x",
-    "07": r"run_1.mcap,done,0\.4576.*\n.*run_2.mcap,done,0\.52",
+    "07": r"run_1.mcap,\w+,done,0\.4576.*\n.*run_2.mcap,\w+,done,0\.52",
     "08": "the model is not adequate",
     "09": "verdict missing_effect, effect viscous_drag",
     "10": r"viscous_drag error 1\.0",

@@ -16,12 +16,25 @@ pytest.importorskip("viser")
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from tactile_dynamics_ros.cli.view import served
+from tactile_dynamics_ros.cli.view import Control, served
 from tactile_dynamics_ros.core.rigid_body.rotation import pose_of
+from tactile_dynamics_ros.recording import Recording
+from tactile_dynamics_ros.ros.diagnostics import status_message
 from tactile_dynamics_ros.share import share_file
+from tactile_dynamics_ros.synthetic import ScenarioOptions, generate
 from tactile_dynamics_ros.view.page import METRES_PER_NEWTON, LivePage
 from tactile_dynamics_ros.view.playback import Playback
-from tactile_dynamics_ros.view.state import KEPT, Body, Force, History, Push, Quantity, State
+from tactile_dynamics_ros.view.state import (
+    KEPT,
+    Body,
+    Force,
+    History,
+    Push,
+    Quantity,
+    State,
+    error_marks,
+    take_diagnosis,
+)
 
 
 def held_state():
@@ -97,6 +110,70 @@ def test_a_recording_plays_with_its_estimate():
     assert abs(state.body.mass.value - 0.4) < 0.02
     assert "fits" in state.remark
     assert len(state.histories["load"].columns()[0]) == KEPT
+
+
+def test_the_error_of_a_recording_has_its_floor_and_where_an_effect_acts_until_it_is_added():
+    options = ScenarioOptions(duration=8.0)
+    streams = generate(3, {"viscous_drag": 4.0}, options).streams
+    played = Playback(Recording(streams, "made"))
+    before, first = played.at(0.0).error, played.at(0.0).histories["error"].columns()
+    assert before > 1.5 and not played.at(0.0).good
+    assert first[1].mean() == pytest.approx(before, rel=0.2)
+    assert "viscous" in played.diagnose() and played.at(0.0).missing[0] == "viscous_drag"
+    played.add("viscous_drag")
+    state = played.at(0.0)
+    assert state.effects == ("viscous_drag",) and state.missing == ()
+    assert state.error < 1.2 and state.histories["error"].columns()[1].mean() < 1.2
+    assert "not added" in played.add("no_such_effect") and state.effects == ("viscous_drag",)
+
+
+def test_the_regime_in_which_a_drag_acts_is_shaded_where_it_acts():
+    options = ScenarioOptions(duration=10.0)
+    streams = generate(3, {}, options).streams
+    for contact in streams.contacts.values():
+        contact.force[contact.time > contact.time[0] + 6.0, 0] += 0.4
+    played = Playback(Recording(streams, "made"))
+    played.diagnose()
+    shaded = [*played.at(0.0).regimes, *played.at(0.0).failing]
+    inside = sum(max(0.0, min(b, 10.0) - max(a, 6.0)) for a, b in shaded)
+    assert inside > 0.6 * sum(b - a for a, b in shaded) > 0.0
+
+
+@pytest.mark.parametrize(
+    ("numbers", "estimator"),
+    [({}, "inertial_estimator"), ({"friction force": "2 N"}, "property_estimator")],
+)
+def test_live_an_effect_joins_those_of_the_estimator_that_runs(monkeypatch, numbers, estimator):
+    asked = []
+    monkeypatch.setattr("tactile_dynamics_ros.cli.topics.set_parameter", lambda *a: asked.append(a))
+    control = Control(Namespace(create_publisher=lambda *_: None))
+    offered = []
+    page = Namespace(add_choice=lambda *_: None, allow_adding=offered.append)
+    state = State(effects=("force_bias",), numbers=numbers)
+    control.add_effects(page, state)
+    assert asked == []
+    assert offered[0]("viscous_drag") == "effects of the model: force_bias, viscous_drag"
+    assert asked[0][1:4] == (estimator, "effects", ["force_bias", "viscous_drag"])
+
+
+def test_a_diagnosis_offers_what_it_names_and_its_floor():
+    found = {"noise_floor": 0.97, "effect": "", "group": "force_bias,unsensed_contact"}
+    state = State()
+    take_diagnosis(state, [status_message("diagnosis", found, message="one of two")])
+    assert state.missing == ("force_bias", "unsensed_contact") and state.floor == 0.97
+    take_diagnosis(state, [status_message("diagnosis", {"effect": "viscous_drag[z<0.42]"})])
+    assert state.missing == ("viscous_drag[z<0.42]",) and state.floor == 1.0
+
+
+def test_marks_of_the_error_are_its_floor_and_shades_of_regimes_and_failures():
+    state = State(floor=0.9, regimes=((2.0, 4.0),), failing=((6.0, 7.0), (9.0, 9.5)))
+    time = np.arange(10.0)
+    floor, regime, fails = error_marks((time, 1.0 + 0.1 * time), state)
+    np.testing.assert_array_equal(floor, 0.9)
+    np.testing.assert_array_equal(np.flatnonzero(regime), [2, 3, 4])
+    np.testing.assert_array_equal(np.flatnonzero(fails), [6, 7, 9])
+    assert regime.max() == pytest.approx(1.9)
+    assert not next(iter([*error_marks((time, time), State())][1:])).any()
 
 
 def get(address, **headers):
@@ -180,6 +257,24 @@ def test_a_browser_shows_the_verdict_and_asks(tmp_path, capsys):
         assert browser.value("document.querySelector('canvas') !== null")
         browser.click("Diagnose")
         browser.wait_for("It slips.")
+        missing = held_state()
+        missing.missing, added = ("viscous_drag",), []
+        page.show(missing)
+        assert "Add viscous_drag" not in browser.text  # nobody said how
+        page.allow_adding(lambda name: added.append(name) or "It is in the model.")
+        page.show(missing)
+        for answer, after in (("No", []), ("Yes, add it", ["viscous_drag"])):
+            browser.wait_for("Add viscous_drag ...")
+            browser.click("Add viscous_drag ...")
+            browser.wait_for("Add viscous_drag to the model?")
+            assert added == []  # not before it is confirmed
+            browser.click(answer)
+            browser.wait_until("!document.body.innerText.includes('to the model?')")
+            assert added == after
+        browser.wait_for("It is in the model.")
+        missing.effects = ("viscous_drag",)
+        page.show(missing)
+        browser.wait_until("!document.body.innerText.includes('Add viscous_drag')")
         pushed = State(object_pose=pose_of((0.4, 0.0, 0.0), (0, 0, 0)), footprint=np.eye(3)[:, :2])
         pushed.pushes = (Push(np.array([0.4, 0.1]), np.array([0.0, 1.0]), 0.06, 5.5),)
         pushed.numbers, pushed.plan = {"friction force": "2.01 ± 0.01 N"}, "pushing: it tells most"
