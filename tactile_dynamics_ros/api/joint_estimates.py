@@ -26,6 +26,10 @@ if TYPE_CHECKING:
 
 _FACTORS = (1.0, *[1e3] * 3, *[1e6] * 6)
 """From SI to the units of tables, in the order of `NAMES`."""
+_FAR_BESIDE = 2.5
+"""Error over the noise from which a payload beside the empty arm is no answer either. Public
+recordings of a real arm have 1.7 to 1.9 and masses within their intervals; of simulated pairs with
+one hidden effect all up to 2.9 had, while a cable at 3.2 left a mass 2.3 std off, at 10 4.1 std."""
 _UNITS = ("kg", *["mm"] * 3, *["kg mm²"] * 6)
 """These units."""
 
@@ -145,12 +149,16 @@ class EstimateOfJoints(ReportedResult):
             for kind, entry in self.found.table[joint].items():
                 numbers = with_uncertainty(entry["value"], entry["std"])
                 rows.append((f"{joint} {kind}{star}", *numbers, entry["unit"]))
+        for joint, gain in self.found.gains.items():
+            numbers = with_uncertainty(gain["value"], gain["std"])
+            rows.append((f"{joint} gain", *numbers, gain["unit"]))
         return rows
 
     def _effect_rows(self) -> Rows:
         return [
             (f"{effect.name} {name}", *with_uncertainty(one["value"], one["std"]), one["unit"])
             for effect in self.found.model.effects
+            if not (self.found.gains and effect.name == "torque_gain")
             for name, one in self.found.table[effect.name].items()
         ]
 
@@ -177,10 +185,13 @@ class EstimateOfJoints(ReportedResult):
     def require_answer(self) -> None:
         """Check that the numbers are an answer.
 
+        What a model misses in two recordings cancels or is in the payload's interval, up to a size.
+
         Raises:
             NotIdentifiableError: the error is far above the noise.
         """
-        if self.question.is_far:
+        limit = _FAR_BESIDE if self.found.compared else 0.0
+        if self.question.is_far and self.found.error > limit:
             raise NotIdentifiableError(self.question.misfit)
 
     def save(self, path: str | Path) -> Path:

@@ -104,7 +104,7 @@ def read(
         raise BadInputError(f"read: model {model!r}; expected auto, held, pushed or joints")
     kind = recorded_kind(paths[0], remap) if model == "auto" else model
     if kind == "joints":
-        return read_joints(paths, urdf)
+        return read_joints(paths, urdf, remap)
     if kind == "pushed":
         pushed = [
             read_pushed_recording(path, remap=remap, namespace=namespace, world_frame=world_frame)
@@ -220,19 +220,24 @@ def read_pushed_recording(
     return recording, notes
 
 
-def read_joints(paths: Sequence[str | Path], urdf: str | Path | None = None) -> JointRecording:
+def read_joints(
+    paths: Sequence[str | Path],
+    urdf: str | Path | None = None,
+    remap: Mapping[str, str | Sequence[str]] | None = None,
+) -> JointRecording:
     """Read the recording of an arm's joint torques.
 
     Args:
         paths: of it; several of one arm with the same payload are joined.
         urdf: of the arm; that in the bag if None.
+        remap: of tables: columns, and what they are.
 
     Raises:
         BadInputError: one cannot be read, or they are of different joints.
     """
     from tactile_dynamics_ros.recording.joints import JointRecording
 
-    return JointRecording.join([JointRecording.read(path, urdf) for path in paths])
+    return JointRecording.join([JointRecording.read(path, urdf, remap=remap) for path in paths])
 
 
 def names_of(named: str | Sequence[str | Effect]) -> list[str]:

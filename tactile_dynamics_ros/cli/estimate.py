@@ -14,6 +14,7 @@ from tactile_dynamics_ros.cli.recordings import (
     add_recording_arguments,
     model_of,
     pushed_effects,
+    read_beside,
     read_effects,
     read_joint_torques,
     read_pushed,
@@ -200,8 +201,11 @@ def _estimate_joints(args: Namespace) -> int:
 
     if args.prior:
         raise BadInputError("--prior: not for an arm by its joint torques; leave it out")
-    recording, beside = read_joint_torques(args), {"without": args.without}
-    found = estimate(recording, pushed_effects(args), **beside, known_load=args.known_load)
+    recording, empty = read_joint_torques(args), args.without
+    if empty is not None:
+        empty = read_beside(args, recording)
+    known = {"without": empty, "known_load": args.known_load}
+    found = estimate(recording, pushed_effects(args), **known)
     return _told(args, found)
 
 

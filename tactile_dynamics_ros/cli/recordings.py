@@ -102,7 +102,7 @@ def add_recording_arguments(
         default=[],
         metavar="RECORDED:=MEANT",
         help="read a recorded topic under the name that it stands for; repeatable, also for one "
-        "topic that stands for several",
+        "topic that stands for several; columns of a table of an arm's joints, as 2-7:=position",
     )
     parser.add_argument(
         "--world-frame",
@@ -123,7 +123,8 @@ def add_recording_arguments(
         default=[],
         metavar="NAME",
         help="read the recording as this convention says, in the form that fits best, as "
-        "torque_unit (`diagnose` names them); repeatable",
+        "torque_unit (`diagnose` names them), or drive_units=G1,G2,.. with N m per unit of each "
+        "joint; repeatable",
     )
 
 
@@ -216,7 +217,7 @@ def read_joint_torques(args: Namespace) -> JointRecording:
         raise BadInputError(f"--{asked[0]}: not for an arm by its joint torques; leave it out")
     bags = [args.bag] if isinstance(args.bag, str) else args.bag
     robot = args.robot if args.verb == "estimate" else None
-    recording = read_joints(bags, args.urdf or robot)
+    recording = read_joints(bags, args.urdf or robot, _parse_remappings(args.remap))
     for line in recording.problem_lines():
         print(f"note: {line}", file=sys.stderr)
     recording = recording.between(*args.between) if args.between else recording
@@ -227,6 +228,21 @@ def read_joint_torques(args: Namespace) -> JointRecording:
         print(f"note: read as {name}: {reading.change}", file=sys.stderr)
         recording = replace(recording, streams=streams)
     return recording
+
+
+def read_beside(args: Namespace, recording: JointRecording) -> JointRecording:
+    """Read the recording without the payload as that with it; problems go to stderr.
+
+    Raises:
+        BadInputError: it cannot be read.
+    """
+    from tactile_dynamics_ros.recording.joints import JointRecording
+
+    remap, urdf = _parse_remappings(args.remap), recording.streams.urdf
+    empty = JointRecording.read(args.without, known=urdf, remap=remap)
+    for line in empty.problem_lines():
+        print(f"note: without: {line}", file=sys.stderr)
+    return empty
 
 
 def pushed_effects(args: Namespace) -> list[str]:
@@ -318,8 +334,11 @@ def _parse_remappings(arguments: list[str]) -> dict[str, list[str]]:
     remap: dict[str, list[str]] = {}
     for argument in arguments:
         recorded, separator, meant = argument.partition(":=")
-        if not separator or not recorded.startswith("/") or not meant.startswith("/"):
-            raise BadInputError(f"--remap {argument}: expected /recorded/topic:=/meant/topic")
+        if not separator or not meant or recorded.startswith("/") != meant.startswith("/"):
+            raise BadInputError(
+                f"--remap {argument}: expected /recorded/topic:=/meant/topic, or of a table of an "
+                "arm's joints 2-7:=position"
+            )
         remap.setdefault(recorded, []).append(meant)
     return remap
 

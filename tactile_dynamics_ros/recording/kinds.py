@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from tactile_dynamics_ros.recording.joints import is_of_joints
+from tactile_dynamics_ros.recording.joints import TABLES, is_of_joints
 from tactile_dynamics_ros.recording.pushed import recorded_model
 
 
@@ -19,6 +19,6 @@ def recorded_kind(path: str | Path, remap: Mapping[str, str | Sequence[str]] | N
     Raises:
         BadInputError: there is no recording at the path.
     """
-    if not remap and is_of_joints(Path(path)):
+    if (not remap or Path(path).suffix in TABLES) and is_of_joints(Path(path)):
         return "joints"
     return recorded_model(path, remap)

@@ -195,6 +195,7 @@ ROOMS = {
         "rosbag2, arrays and foreign formats to streams and back",
         (
             "core/friction",
+            "core/joints",
             "core/numerics",
             "core/planar",
             "core/planar/mechanics",

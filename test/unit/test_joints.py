@@ -21,8 +21,11 @@ from tactile_dynamics_ros.core.joints.estimate import estimate, fit
 from tactile_dynamics_ros.core.joints.excitation import JointLimits, design_motion
 from tactile_dynamics_ros.core.joints.known import KnownArm
 from tactile_dynamics_ros.core.joints.live import JointMonitor
+from tactile_dynamics_ros.core.joints.samples import JointSamples
+from tactile_dynamics_ros.core.joints.situation import Situation
 from tactile_dynamics_ros.core.robot.kinematic_tree import read_tree
 from tactile_dynamics_ros.core.robot.robot_file import load_robot
+from tactile_dynamics_ros.core.streams.joint_streams import JointStreams
 from tactile_dynamics_ros.recording.joints import JointRecording
 from tactile_dynamics_ros.recording.kinds import recorded_kind
 from tactile_dynamics_ros.synthetic.joints import CATALOGUE, JointOptions, Payload, generate
@@ -150,6 +153,27 @@ def test_intervals_of_a_payload_hold_alone_and_beside_the_empty_arm():
         assert np.abs(away).max() < 4.0
     spread = np.sqrt(np.mean(np.square(beside)))
     assert 0.6 < spread < 1.5, "neither wide for safety nor narrow"
+
+
+@pytest.mark.parametrize("name", ["joint_elasticity", "rotor_inertia"])
+def test_the_interval_of_a_pair_holds_what_its_model_misses(name):
+    for seed in (20, 21):
+        load = Payload.draw(2.0, seed)
+        full = generate(IIWA, seed, {name: 1.0}, JointOptions(duration=15.0, payload=load))
+        empty = generate(IIWA, seed, {name: 1.0}, JointOptions(duration=15.0, repeat=1))
+        payload = estimate(full.streams, (), empty.streams).payload
+        assert abs(payload.body.mass - 2.0) < 3.0 * payload.std[0] < 0.02
+
+
+def test_windup_is_smoothed_up_to_a_gap_as_in_a_recording_of_its_own(clean):
+    model = fit(JointStreams.join([clean.streams.between(0.0, 6.0), clean.streams]))
+    samples = model.samples
+    gap = int(np.flatnonzero(~samples.follows)[0]) + 1
+    alone = JointSamples.from_streams(clean.streams.between(0.0, 6.0), samples.arm)
+    parts = (model.link_bodies, model.payload, model.friction)
+    expected = Situation(alone, *parts).wound_up
+    np.testing.assert_allclose(Situation(samples, *parts).wound_up[:gap], expected, 1e-2, 0.1)
+    assert np.abs(expected[-3:]).max() > 0.0
 
 
 def test_what_the_arm_does_not_tell_is_undetermined(clean):

@@ -55,6 +55,10 @@ one constant."""
 _ROUNDS, _NEAR, _LEAST_GAIN = 5, 0.05, 0.2
 """Rounds in which unknown gains of drives are taken out of efforts at most; gains from 1 at which
 that ends, since torques then follow them in proportion; and the least gain that a round takes."""
+_DOUBTS = ("rotor_inertia", "load_dependent_friction", "joint_elasticity")
+"""Effects that a pair of recordings does not cancel, as they grow with the payload, and rotors,
+which windup would pass for. They may be there whether the error shows them or not, so that the
+payload's interval has them."""
 _FREE_SHARE = 0.4
 """How far a URDF's bodies may be off beside a recording without the payload, which tells them
 better: as far as any URDF is, so that whatever the model misses in both goes to the links and not
@@ -81,11 +85,14 @@ class Payload:
     def of(cls, model: JointsModel) -> Payload:
         """The payload of a fitted model.
 
-        The normal posterior of the ten parameters, restricted to bodies that can exist.
+        The normal posterior of the ten parameters, restricted to bodies that can exist; all
+        ten share the doubt of the common scale of drives that report currents.
         """
         given, covariance = model.bodies[-10:], model.bodies_covariance()[-10:, -10:]
         largest = float(model.basis.root[-10, -10])
-        return cls(*_possible(given, covariance), model.samples.arm.flange, largest)
+        phi, covariance = _possible(given, covariance)
+        covariance = covariance + model.scale_std**2 * np.outer(phi, phi)
+        return cls(phi, covariance, model.samples.arm.flange, largest)
 
     @cached_property
     def body(self) -> InertialParameters:
@@ -145,12 +152,31 @@ class JointsEstimate:
     @cached_property
     def payload(self) -> Payload:
         """What the flange carries beyond what the URDF says."""
-        return Payload.of(self.model)
+        return Payload.of(self.model.tempered(_DOUBTS) if self.compared else self._tempered)
+
+    @cached_property
+    def _tempered(self) -> JointsModel:
+        return self.model.tempered()
 
     @cached_property
     def error(self) -> float:
         """Error over the noise, 1 where only noise remains."""
         return float(np.sqrt(np.mean(self.model.residual**2)))
+
+    @cached_property
+    def gains(self) -> dict[str, dict[str, Any]]:
+        """N m per unit of each drive where efforts were in its own units; else empty."""
+        model, taken = self._tempered, self.model.samples.gain_taken
+        stated = self.streams.gains
+        if stated is None or "torque_gain" not in self.table:
+            return {}
+        values = stated / np.exp(taken) / model.drive_gains
+        entries = [e["std"] for e in self.table["torque_gain"].values()]
+        stds = values * np.hypot(entries, model.scale_std)
+        return {
+            name: {"value": float(value), "std": float(std), "unit": "N m per unit"}
+            for name, value, std in zip(self.model.joints, values, stds, strict=True)
+        }
 
     @property
     def still(self) -> tuple[str, ...]:
@@ -169,7 +195,7 @@ class JointsEstimate:
     @cached_property
     def table(self) -> dict[str, dict[str, dict[str, Any]]]:
         """Parameters of joints and effects by name."""
-        return self.model.parameters()
+        return self._tempered.parameters()
 
     def to_document(self) -> dict[str, Any]:
         """The document of `estimate`."""
@@ -192,6 +218,7 @@ class JointsEstimate:
                     zip(arm.names, self.model.effort_std, strict=True)
                 )
             ],
+            "drive_gains": self.gains,
             "urdf_off_by": self.model.basis.share,
             "undetermined": list(self.undetermined),
             "effects": {effect.name: table[effect.name] for effect in self.model.effects},
@@ -233,14 +260,14 @@ def fit(
     if without is not None:
         empty = JointSamples.from_streams(without, arm)
         empty = replace(empty, loaded=np.zeros(len(empty.time), dtype=bool))
-        share = _FREE_SHARE if samples.gains_known or known_load else None
+        share = _FREE_SHARE if samples.gain_std is None or known_load else None
         samples = JointSamples.join([empty, samples])
     model = JointsModel.fit(samples, effects, share, known_load)
-    for _ in range(_ROUNDS if not samples.gains_known else 0):
-        gains = model.drive_gains
+    for _ in range(_ROUNDS if samples.gain_std is not None else 0):
+        gains = model.tempered().drive_gains
         if np.abs(gains - 1.0).max() < _NEAR:
             break
-        samples = samples.scaled(1.0 / np.maximum(gains, _LEAST_GAIN))
+        samples = samples.without_gains(np.maximum(gains, _LEAST_GAIN))
         model = JointsModel.fit(samples, effects, share, known_load)
     return model
 

@@ -27,6 +27,7 @@ from tactile_dynamics_ros.core.joints.drive_effects import TorqueGain, TorqueRip
 from tactile_dynamics_ros.core.joints.effects import (
     JOINTS,
     JointEffect,
+    PerJointEffect,
     are_allowed,
     in_units,
 )
@@ -48,8 +49,11 @@ Array = NDArray[np.float64]
 
 _ROUNDS = 4
 """Rounds of fit and noise: the floors of a residual settle to 1 % in three."""
-_GAIN, _ALL = "torque_gain", "all"
-"""The effect that unknown gains of drives are, and the reading of an effect on all joints."""
+_ALL = "all"
+"""The reading of an effect on all joints."""
+_OF_CURRENTS = ("torque_gain", "rotor_inertia")
+"""Effects that are in the model where efforts were currents: their gains are uncertain, and they
+drive the rotor as well."""
 _BETTER = 0.7
 """Error of another reading of the torques over that as they are from which it is another
 convention: half of the squares. Signs and units change errors by far more; gains that are off by a
@@ -75,6 +79,8 @@ class JointsModel(LeastSquaresModel[JointEffect]):
         effort_std: (n,) noise of a block's mean torque, N m.
         whitening: of the rows.
         situation: that effects act on.
+        misfit: factor on the squares of the noise that a misfit is, 1 for none: priors of bodies
+            and of gains count so much more against a residual that is correlated.
     """
 
     samples: JointSamples
@@ -86,6 +92,7 @@ class JointsModel(LeastSquaresModel[JointEffect]):
     effort_std: Array
     whitening: BandedWhitener
     situation: Situation
+    misfit: float = 1.0
 
     @classmethod
     def fit(
@@ -106,11 +113,12 @@ class JointsModel(LeastSquaresModel[JointEffect]):
         Raises:
             BadInputError: an effect is unknown.
         """
-        if not samples.gains_known and not any(e.startswith(_GAIN) for e in effects):
-            effects = (f"{_GAIN}:all", *effects)
+        if samples.gain_std is not None:
+            own = [name for name in _OF_CURRENTS if not any(e.startswith(name) for e in effects)]
+            effects = (*(f"{name}:{_ALL}" for name in own), *effects)
         JOINTS.create_all([label.partition(":")[0] for label in effects])
         prior, n = BodyPrior.of(samples.arm, known_load), len(samples.arm.names)
-        if samples.gains_known and find_reading(samples) is not None:
+        if samples.gain_std is None and find_reading(samples) is not None:
             prior, share = prior.as_stated(), 1.0
         situation = Situation(samples, samples.arm.inertia, np.zeros(10), np.zeros((3, n)))
         effort_std = stated_noise(samples)
@@ -213,10 +221,19 @@ class JointsModel(LeastSquaresModel[JointEffect]):
     def prior_rows(self, effects: tuple[JointEffect, ...]) -> tuple[Array, Array]:
         """Friction hardly known, directions of the bodies as in the URDF, effects by their own."""
         friction = np.full(3 * len(self.joints), FRICTION_STD)
-        stds = np.concatenate(
-            [friction, np.ones(len(self.parts) - len(friction)), self.prior_stds(effects)]
-        )
-        return np.diag(1.0 / stds), np.zeros(len(stds))
+        rest = np.ones(len(self.parts) - len(friction))
+        stds = np.concatenate([friction, rest, *(self._prior_of(e)[0] for e in effects)])
+        expected = np.concatenate([0.0 * self.parts, *(self._prior_of(e)[1] for e in effects)])
+        weight = np.sqrt(self.misfit) / stds
+        return np.diag(weight), -weight * expected
+
+    def _prior_of(self, effect: JointEffect) -> tuple[Array, Array]:
+        """Std (k,) and mean (k,) of an effect's parameters; of gains as the samples have them."""
+        samples, stds = self.samples, self.prior_stds([effect])
+        if not isinstance(effect, TorqueGain) or samples.gain_std is None:
+            return stds, 0.0 * stds
+        which, taken = list(effect.which), np.zeros(len(self.joints)) + samples.gain_taken
+        return samples.gain_std[which], -taken[which]
 
     def whiten(self, rows: Array) -> Array:
         """White form of rows (K n, ...)."""
@@ -261,6 +278,12 @@ class JointsModel(LeastSquaresModel[JointEffect]):
         return self.basis.mean + self.basis.back @ self.parts[3 * len(self.joints) :]
 
     @property
+    def scale_std(self) -> float:
+        """Std of the logarithm of all torques' common scale, unless a payload was weighed."""
+        std = self.samples.gain_std
+        return 0.0 if std is None or self.basis.mean[-10] > 0.0 else float(std.min())
+
+    @property
     def drive_gains(self) -> Array:
         """(n,) how much each torque reads over what it is, by the effect of gains; 1 without."""
         found = np.ones(len(self.joints))
@@ -292,6 +315,21 @@ class JointsModel(LeastSquaresModel[JointEffect]):
         """(p, p) of all parameters, widened by the misfit and by how far it is correlated."""
         whole = self.evaluated[1]
         return np.asarray(self.dispersion * np.linalg.inv(whole.T @ whole))
+
+    def tempered(self, effects: Sequence[str] = ()) -> JointsModel:
+        """Fit with priors that count as much as the residual's independent parts do.
+
+        Args:
+            effects: that may be there as well, on all joints: their priors are in the covariance.
+        """
+        made = [JOINTS.create(name) for name in effects if name not in self.effect_names]
+        doubts = [replace(e, named=self.joints) for e in made if isinstance(e, PerJointEffect)]
+        zeros = [np.zeros(len(effect.parameters())) for effect in doubts]
+        model = self
+        if doubts:
+            model = self.fitted_from((*self.effects, *doubts), (*self.theta, *zeros)).refined()
+        model = replace(model, misfit=model.dispersion)
+        return model.fitted_from(model.effects, model.theta)
 
     @cached_property
     def dispersion(self) -> float:

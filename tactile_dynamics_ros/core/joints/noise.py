@@ -40,9 +40,8 @@ def whitener(samples: JointSamples, effort_std: Array, friction: Array) -> Bande
         NotIdentifiableError: the noise cannot be whitened.
     """
     count, n = samples.effort.shape
-    mass_matrix = samples.arm.mass_matrix(samples.motions[1], samples.arm.inertia)
     band = np.zeros((_APART * n, count * n))
-    carried = mass_matrix * samples.position_std
+    carried = samples.mass_matrix * samples.position_std
     linked = np.ones(count, dtype=bool)
     for apart in range(_APART):
         later = carried[apart:] @ np.swapaxes(carried[: count - apart], 1, 2)

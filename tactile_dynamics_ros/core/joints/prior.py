@@ -183,7 +183,7 @@ def basis_of(
 def likeliest_share(
     prior: BodyPrior, others: tuple[Array, Array], bodies: Array, residual: Array, dispersion: float
 ) -> float:
-    """How far a URDF's bodies are off, by the evidence of a recording.
+    """How far a URDF's bodies are off: RMS of `SHARES`, weighted by the evidence of a recording.
 
     -2 log p = r^T r - b^T (G + P)^-1 b + ln det(G + P) - ln det P of all columns, with G and b
     their products with themselves and with r, and P the prior's precision.
@@ -195,11 +195,11 @@ def likeliest_share(
         residual: (M,) white residual where bodies are as in the URDF and the others are zero.
         dispersion: by which squares count less than those of white noise.
 
-    Source: MacKay 1992 (evidence); Schwarz 1978.
+    Source: MacKay 1992 (evidence); Schwarz 1978; Hoeting et al. 1999 (model averaging).
     """
     columns, stds = others
     matrix, first = np.concatenate([columns, bodies], axis=1), len(stds)
-    gram, side = matrix.T @ matrix, matrix.T @ residual
+    gram, side = matrix.T @ matrix / dispersion, matrix.T @ residual / dispersion
     gram[:first, :first] += np.diag(1.0 / stds**2)
 
     def minus_twice_log(share: float) -> float:
@@ -211,6 +211,9 @@ def likeliest_share(
         determinant = float(np.linalg.slogdet(scaled)[1]) - 2.0 * float(np.sum(np.log(scale)))
         fall = float((side * scale) @ np.linalg.solve(scaled, side * scale))
         of_prior = 2.0 * len(prior.links) * float(np.log(share))
-        return -fall / dispersion + determinant + of_prior
+        return -fall + determinant + of_prior
 
-    return min(SHARES, key=minus_twice_log)
+    shares = np.array(SHARES)
+    minus_twice = np.array([minus_twice_log(share) for share in SHARES])
+    weights = np.exp(-0.5 * (minus_twice - minus_twice.min()))
+    return float(np.sqrt(np.sum(weights * shares**2) / weights.sum()))

@@ -69,7 +69,9 @@ class JointSamples:
         speed_std: standard deviation of a speed for unit noise of positions.
         lead: (2, B, n) position and speed in the block before the first.
         loaded: (K,) whether the arm carried the payload then.
-        gains_known: whether torques are N m; if not, by a factor for each joint.
+        gain_std: (n,) std of the logarithm of a factor by which torques may be off N m; None where
+            they are N m.
+        gain_taken: (n,) logarithm of the factors that have been taken out of torques since.
     """
 
     arm: Arm
@@ -88,7 +90,8 @@ class JointSamples:
     speed_std: float
     lead: Array
     loaded: NDArray[np.bool_]
-    gains_known: bool = True
+    gain_std: Array | None = None
+    gain_taken: Array | float = 0.0
 
     @classmethod
     def from_streams(cls, streams: JointStreams, arm: Arm) -> JointSamples:
@@ -117,7 +120,7 @@ class JointSamples:
                 f"{_FEWEST_BLOCKS} at least: record some seconds of motion"
             )
         found = cls.of_blocks(arm, (time, position, effort), starts, count, period)
-        return replace(found, gains_known=streams.gains is None)
+        return replace(found, gain_std=own.gain_std)
 
     @classmethod
     def of_blocks(
@@ -200,7 +203,7 @@ class JointSamples:
             loaded=np.concatenate([p.loaded for p in parts]),
             nodes=np.concatenate([p.nodes for p in parts], axis=1),
             follows=np.concatenate(follows)[:-1],
-            gains_known=all(p.gains_known for p in parts),
+            gain_std=next((p.gain_std for p in parts if p.gain_std is not None), None),
             effort_std=np.sqrt(np.mean([p.effort_std**2 for p in parts], axis=0)),
             position_std=np.sqrt(np.mean([p.position_std**2 for p in parts], axis=0)),
         )
@@ -211,6 +214,11 @@ class JointSamples:
             self, effort=self.effort * factors, effort_std=self.effort_std * np.abs(factors)
         )
 
+    def without_gains(self, gains: Array) -> JointSamples:
+        """Torques over gains (n,) that a fit found, which count as found from now on."""
+        taken = self.gain_taken + np.log(gains)
+        return replace(self.scaled(1.0 / gains), gain_taken=taken)
+
     @property
     def middle(self) -> Array:
         """(3, K, n) position, speed and acceleration in the middle of each block."""
@@ -220,6 +228,11 @@ class JointSamples:
     def motions(self) -> list[Motion]:
         """Motion of all links at each of the three places of a block."""
         return [self.arm.motion(*self.nodes[:, :, k]) for k in range(3)]
+
+    @cached_property
+    def mass_matrix(self) -> Array:
+        """(K, n, n) of the URDF's bodies in the middle of each block."""
+        return self.arm.mass_matrix(self.motions[1], self.arm.inertia)
 
     @cached_property
     def regressor(self) -> Array:

@@ -111,20 +111,21 @@ class Situation:
 
 
 def _smoothed(values: Array, samples: JointSamples) -> Array:
-    """(3, K, n) values of blocks (K, n) and two derivatives, by polynomials; zero beside gaps.
+    """(3, K, n) values of blocks (K, n) and two derivatives, by polynomials between gaps.
 
     Accelerations bring noise into loads that is also in the residual: differences from block to
-    block would find it there.
+    block would find it there. Rates are zero where less than a window lies between two gaps.
     """
-    if len(values) <= _WINDOW:
-        return np.stack([values, np.zeros_like(values), np.zeros_like(values)])
-    broken = np.flatnonzero(~samples.follows)
-    near = np.abs(np.arange(len(values))[:, None] - broken - 0.5).min(axis=1, initial=np.inf)
-    found = [
-        savgol_filter(values, _WINDOW, _DEGREE, deriv=d, delta=samples.length, axis=0)
-        for d in range(3)
-    ]
-    return np.asarray(np.stack(found) * (near > 0.5 * _WINDOW)[:, None])
+    found = np.zeros((3, *values.shape))
+    edges = [0, *(np.flatnonzero(~samples.follows) + 1), len(values)]
+    for first, last in zip(edges[:-1], edges[1:], strict=True):
+        part = values[first:last]
+        found[0, first:last] = part
+        for d in range(3 if len(part) >= _WINDOW else 0):
+            found[d, first:last] = savgol_filter(
+                part, _WINDOW, _DEGREE, deriv=d, delta=samples.length, axis=0
+            )
+    return found
 
 
 def conditions_of(samples: JointSamples, white: Array) -> tuple[Condition, ...]:

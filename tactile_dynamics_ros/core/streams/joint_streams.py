@@ -24,8 +24,9 @@ class JointStreams:
         position: (N, n) rad, or m of joints that slide.
         effort: (N, n) torque of the drive, N m, or N: positive along the joint's axis.
         urdf: text of the arm's URDF.
-        gains: (n,) factors by which efforts in the drives' own units were taken as N m, which are
-            known as well as the URDF's masses; None where efforts are in N m.
+        gains: (n,) factors by which efforts in the drives' own units were taken as N m; None where
+            efforts are in N m.
+        gain_std: (n,) std of the logarithm of these factors.
     """
 
     names: tuple[str, ...]
@@ -34,6 +35,7 @@ class JointStreams:
     effort: Array
     urdf: str = ""
     gains: Array | None = None
+    gain_std: Array | None = None
 
     def __post_init__(self) -> None:
         """Check the shapes.
@@ -59,6 +61,9 @@ class JointStreams:
         if any(set(part.names) != set(names) for part in parts):
             raise BadInputError(f"joints: recordings of other joints than {', '.join(names)}")
         own = [part.of(names) for part in parts]
+        gains, std = own[0].gains, own[0].gain_std
+        if gains is not None:
+            own = [part.raw.scaled(gains, std) for part in own]
         starts = np.cumsum([0.0, *(part.duration + _PAUSE for part in own[:-1])])
         return replace(
             own[0],
@@ -66,6 +71,13 @@ class JointStreams:
             position=np.concatenate([p.position for p in own]),
             effort=np.concatenate([p.effort for p in own]),
         )
+
+    @property
+    def raw(self) -> JointStreams:
+        """Efforts as the drives reported them, without gains."""
+        if self.gains is None:
+            return self
+        return replace(self, effort=self.effort / self.gains, gains=None, gain_std=None)
 
     @property
     def duration(self) -> float:
@@ -82,12 +94,16 @@ class JointStreams:
             effort=self.effort[inside],
         )
 
-    def scaled(self, factors: Array, uncertain: bool = False) -> JointStreams:
-        """Efforts times a factor for each joint (n,), which may be uncertain."""
-        gains = self.gains
-        if uncertain:
-            gains = factors if gains is None else gains * factors
-        return replace(self, effort=self.effort * factors, gains=gains)
+    def scaled(self, factors: Array, std: Array | None = None) -> JointStreams:
+        """Efforts times a factor for each joint (n,).
+
+        Args:
+            factors: by which efforts are multiplied.
+            std: (n,) of the factors' logarithms where they are uncertain gains of drives.
+        """
+        gains = self.gains if std is None else factors * (1.0 if self.gains is None else self.gains)
+        kept = self.gain_std if std is None else std
+        return replace(self, effort=self.effort * factors, gains=gains, gain_std=kept)
 
     def of(self, names: Sequence[str]) -> JointStreams:
         """Only these joints, in this order."""
@@ -98,4 +114,5 @@ class JointStreams:
             position=self.position[:, columns],
             effort=self.effort[:, columns],
             gains=None if self.gains is None else self.gains[columns],
+            gain_std=None if self.gain_std is None else self.gain_std[columns],
         )

@@ -30,9 +30,6 @@ _BESIDE = ("JointState", "String", "TFMessage", "tfMessage", "Clock", "Log", "Pa
 """Ends of types of topics that a recording of joints alone may have beside them."""
 _MORE_BESIDE = ("DiagnosticArray", "JointTrajectory", "JointTrajectoryControllerState")
 """The same, of what drives publish of themselves."""
-_POSITIONS = ("{}_position", "position_{}", "{}.position", "q_{}", "{}")
-_EFFORTS = ("{}_effort", "effort_{}", "{}.effort", "{}_torque", "torque_{}", "tau_{}")
-"""Names of columns in a table, with the name of a joint or its number from 1."""
 
 
 def is_of_joints(path: Path, types: Mapping[str, str] | None = None) -> bool:
@@ -82,7 +79,11 @@ class JointRecording:
 
     @classmethod
     def read(
-        cls, path: str | Path, urdf: str | Path | None = None, known: str = ""
+        cls,
+        path: str | Path,
+        urdf: str | Path | None = None,
+        known: str = "",
+        remap: Mapping[str, str | Sequence[str]] | None = None,
     ) -> JointRecording:
         """Read a bag, or a table.
 
@@ -90,6 +91,7 @@ class JointRecording:
             path: rosbag2 directory, .mcap, .db3, ROS 1 .bag, or a table (.csv).
             urdf: of the arm; `/robot_description` of the bag if None.
             known: text of a URDF that is taken where there is neither.
+            remap: of a table: columns, and what they are; see `read_joint_table`.
 
         Raises:
             BadInputError: it cannot be read, has no torques, or there is no URDF.
@@ -102,7 +104,10 @@ class JointRecording:
                 raise BadInputError(
                     f"{path}: a table has no URDF; give that of the arm: --urdf FILE"
                 )
-            return cls._from_table(file, text)
+            from tactile_dynamics_ros.recording.joints.table import read_joint_table
+
+            streams, start, problems = read_joint_table(file, text, remap)
+            return cls(streams, str(path), problems, round(start * 1e9))
         from tactile_dynamics_ros.recording.importers.joint_angles import urdf_text
 
         text = text or urdf_text(ROBOT_DESCRIPTION, file.parent, file, required=False) or known
@@ -131,35 +136,6 @@ class JointRecording:
             states.names, states.time - start, states.position, states.effort, urdf
         )
         return cls(streams, str(path), dict(states.problems), round(start * 1e9))
-
-    @classmethod
-    def _from_table(cls, path: Path, urdf: str) -> JointRecording:
-        from tactile_dynamics_ros.core.robot.kinematic_tree import read_tree
-        from tactile_dynamics_ros.recording.importers.tables.table import read_table
-
-        table = read_table(path)
-        joints = [j.name for j in read_tree(urdf, "the arm's URDF") if j.axis is not None]
-        columns = {
-            name: (
-                _column(table.names, _POSITIONS, name, k),
-                _column(table.names, _EFFORTS, name, k),
-            )
-            for k, name in enumerate(joints, start=1)
-        }
-        known = {name: (p, e) for name, (p, e) in columns.items() if p and e}
-        if not known or "time" not in table.names:
-            raise BadInputError(
-                f"{path}: columns {', '.join(table.names[:8])} ...; expected time, and for joints "
-                f"as {joints[0]} columns {joints[0]}_position and {joints[0]}_effort, or q_1, tau_1"
-            )
-        time = table.column("time")
-        position, effort = (
-            np.stack([table.column(pair[k]) for pair in known.values()], axis=1) for k in (0, 1)
-        )
-        new = np.append(True, np.diff(time) > 0.0)
-        streams = JointStreams(tuple(known), time[new] - time[0], position[new], effort[new], urdf)
-        problems = dict.fromkeys(table.problems, 1)
-        return cls(streams, str(path), problems, round(float(time[0]) * 1e9))
 
     @classmethod
     def join(cls, recordings: Sequence[JointRecording]) -> JointRecording:
@@ -217,10 +193,3 @@ class JointRecording:
     def problem_lines(self) -> list[str]:
         """Return one line per kind of fault by frequency."""
         return ranked_lines(dict(self.problems))
-
-
-def _column(names: Sequence[str], patterns: Sequence[str], joint: str, number: int) -> str:
-    """Name of the column of a joint; empty if there is none."""
-    wanted = [pattern.format(key) for pattern in patterns for key in (joint, number)]
-    wanted += [w.replace("_", "") for w in wanted if str(number) in w]
-    return next((name for name in wanted if name in names), "")
