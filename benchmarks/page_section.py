@@ -27,6 +27,11 @@ def replace_section(page: str, section: str) -> str:
     return (page.rstrip("\n") or "# Benchmarks") + "\n\n" + section
 
 
+def write_section_to(page: Path, section: str) -> None:
+    """Put a section into a page, which is made if it is not there."""
+    page.write_text(replace_section(page.read_text() if page.exists() else "", section))
+
+
 def compose_section(name: str, text: Sequence[str], command: str, lines: Sequence[str]) -> str:
     """Return a section between its two comments.
 
@@ -71,6 +76,5 @@ def show(
         print(outcome, file=sys.stderr, flush=True)
     print("\n".join(table(found)))
     if page:
-        text = page.read_text() if page.exists() else ""
-        page.write_text(replace_section(text, section(found)))
+        write_section_to(page, section(found))
     return 0
