@@ -19,7 +19,6 @@ from tactile_dynamics_ros.ros import names
 from tactile_dynamics_ros.ros.actions import interface
 from tactile_dynamics_ros.ros.recorder import TRANSITIONS
 from tactile_dynamics_ros.ros.shell import Shell
-from tactile_dynamics_ros.ros.startup import actions_of
 
 CONFIG = Path(tactile_dynamics_ros.__file__).parents[1] / "config"
 POLICY = CONFIG / "security_policy.xml"
@@ -55,7 +54,7 @@ class Access:
         self.subscribe |= _topics(entry.topic_name for entry in node.subscriptions)
         self.reply |= {_general(entry.srv_name) for entry in node.services}
         self.request |= {_general(entry.srv_name) for entry in node.clients}
-        self.execute |= {_general(name) for name in actions_of(node)}
+        self.execute |= {_general(name) for name in node.actions}
 
 
 def _topics(used: Iterable[str]) -> set[str]:

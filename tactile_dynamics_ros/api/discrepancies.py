@@ -168,9 +168,9 @@ class Diagnosis(Discrepancy):
         Raises:
             BadInputError: the recording is not of a held object, or the name is no effect's.
         """
-        from tactile_dynamics_ros.api.laws import learn
+        from tactile_dynamics_ros.core.inertia.diagnosis.law_documents import learn_file
 
-        return replace(self, document=self.document | learn(self.answer, Path(path)))
+        return replace(self, document=self.document | learn_file(self.answer, Path(path)))
 
     def lines(self) -> list[str]:
         """Return the finding, the law if one was looked for, and the best candidates."""

@@ -7,7 +7,8 @@ import subprocess
 import sys
 import time
 from argparse import Namespace, _SubParsersAction
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -155,7 +156,8 @@ def run(args: Namespace) -> int:
     say(f"recorded {out / 'recording'}; all processes are stopped; estimating from the recording")
     from tactile_dynamics_ros.cli.demo_result import Findings, summarise_demo
 
-    found = story and Findings(story.diagnosis, story.seconds, _explain(out, say))
+    found = story and Findings(story.diagnosis, story.seconds, None)
+    found = found and replace(found, offline=_explain(out, found.effects, say))
     result = summarise_demo(out, monitor.history(), truth, _command(args), say, found)
     if story and found:
         result |= story.document() | {"explanation": found.offline}
@@ -222,10 +224,13 @@ def _run_weigh(args: Namespace) -> int:
     return 0
 
 
-def _explain(out: Path, say: Callable[[str], None]) -> dict[str, Any] | None:
-    """Explain the recording as a user would; the page goes to OUT/explain."""
+def _explain(
+    out: Path, effects: Sequence[str], say: Callable[[str], None]
+) -> dict[str, Any] | None:
+    """Explain the recording with effects as a user would; the page goes to OUT/explain."""
     say("explaining the whole recording: which effects are missing? ...")
     words = ["explain", str(out / "recording"), "--out", str(out / "explain"), "--json"]
+    words += ["--effects", ",".join(effects)] if effects else []
     done = subprocess.run(verb_command(*words), capture_output=True, text=True, check=False)
     if done.returncode != 0:
         say(f"no explanation: {last_line(done.stderr)}")
@@ -303,6 +308,7 @@ def start_processes(
         "robot_sim": simulation_parameters(args),
         "vision_tracker": {"object": args.object},
         "friction_probe": {"object": args.object},
+        "model_check": {"laws": str(out / "laws")},
         "grasp_controller": {
             "object": args.object,
             "excitation.duration": float(args.duration),

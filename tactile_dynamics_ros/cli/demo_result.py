@@ -56,9 +56,15 @@ class Findings:
     offline: Document | None
 
     @property
+    def law(self) -> Document | None:
+        """The law that was learnt live, if one was."""
+        return self.live.get("law") if self.live else None
+
+    @property
     def effects(self) -> list[str]:
-        """Effects of the explanation."""
-        return self.offline["effects"] if self.offline else []
+        """Effects of the explanation, after the file of the law that was learnt live."""
+        learnt = [self.law["file"]] if self.law else []
+        return learnt + (self.offline["effects"] if self.offline else [])
 
     def summary(self, whole: float, hidden: Mapping[str, Any]) -> list[str]:
         """Return how live and offline go together, and what was hidden, a sentence each.
@@ -85,6 +91,8 @@ class Findings:
         if self.offline is None:
             return "The recording could not be explained; see what was said live."
         said, found = _said_live(self.live), _said_offline(self.offline)
+        if self.law:
+            return f"With the law learnt live, in all {whole:.0f} s of the recording: {found}."
         alike = _named(self.live) == _named(self.offline) and self.offline["verdict"] == "adequate"
         if said == found or (alike and _named(self.live)):
             return f"Live and offline agree: {said}."
@@ -100,6 +108,8 @@ class Findings:
         where = [word for word, found in (("live", live), ("offline", offline)) if found]
         values = ", ".join(f"{key} {_value(entry)}" for key, entry in hidden["parameters"].items())
         named = f"named {join_names(where, 'and')}" if where else "named neither live nor offline"
+        if self.law:
+            named += f"; the law learnt live has the form {self.law['form']}"
         return f"Hidden effect: {name} ({values}); {named}."
 
 

@@ -14,7 +14,7 @@ from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from tactile_dynamics_ros.core.discrepancy.verdict.wording import join_names
-from tactile_dynamics_ros.ros.names import DIAGNOSE, MODEL_ERROR
+from tactile_dynamics_ros.ros.names import LEARN, MODEL_ERROR
 from tactile_dynamics_ros.ros.shell import LATCHED
 
 ENOUGH_DATA = 25.0
@@ -35,6 +35,8 @@ _SHOWN = 3
 class Story:
     """Asks model_check once enough has been seen, and adds what it names to the live model.
 
+    Where no known effect explains the measurements, that is the law which model_check learns.
+
     Call `advance` often; nothing here blocks.
 
     Args:
@@ -45,7 +47,7 @@ class Story:
     Attributes:
         diagnosis: what was answered; None before.
         seconds: span of the measurements that were asked about, s.
-        added: effect that was added to the live model; None before, or if none was.
+        added: effect, or file of a law, that was added to the live model; None if none was.
     """
 
     def __init__(self, node: Node, say: Callable[[str], None], motion: float) -> None:
@@ -54,7 +56,7 @@ class Story:
         self.added: str | None = None
         self.errors: list[tuple[bool, float]] = []
         self._say, self._enough = say, min(ENOUGH_DATA, CARRIED + ENOUGH_SHARE * motion)
-        self._check = node.create_client(Trigger, DIAGNOSE)
+        self._check = node.create_client(Trigger, LEARN)
         self._estimator = AsyncParameterClient(node, "inertial_estimator")
         self._question: Any = None
         self._change: Any = None
@@ -77,7 +79,7 @@ class Story:
         """
         if self._question is None:
             if seconds_of_data > self._enough and self._check.service_is_ready():
-                self._say("asking /model_check/diagnose what the model misses ...")
+                self._say("asking /model_check/learn what the model misses ...")
                 self._asked, self.seconds = time.monotonic(), seconds_of_data
                 self._question = self._check.call_async(Trigger.Request())
         elif self.diagnosis is None and self._question.done():
@@ -152,8 +154,10 @@ def proposal(document: dict[str, Any]) -> tuple[str, str] | None:
     """Return the effect that the live model gets, and what adding it means; None for no effect.
 
     Args:
-        document: of a diagnosis.
+        document: of a diagnosis, with the law that was learnt, if one was.
     """
+    if law := document.get("law"):
+        return law["file"], ", the law that was learnt"
     effect, others = document.get("effect"), [*document.get("group", ())][1:]
     if effect and document["verdict"] == "ambiguous":
         return effect, (

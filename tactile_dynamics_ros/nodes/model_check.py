@@ -6,8 +6,9 @@ import json
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,7 @@ from tactile_dynamics_ros.ros.diagnostics import Statuses, status_message
 from tactile_dynamics_ros.ros.listening import REQUESTS
 from tactile_dynamics_ros.ros.names import (
     DIAGNOSE,
+    LEARN,
     MODEL_DIAGNOSIS,
     MODEL_ERROR,
     MODEL_RESIDUAL,
@@ -65,6 +67,7 @@ class ModelCheckConfig:
     )
     period: float = parameter(5.0, "time between comparisons, real time", "s", 0.5, 600.0)
     iterations: int = parameter(2, "iterations of the fit of a comparison", "", 1, 10)
+    laws: str = parameter("~/.ros/laws", "folder in which model_check/learn writes a law")
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -76,11 +79,13 @@ class Diagnosing:
 
     Attributes:
         effects: of the model. done: gets `work` when it is finished. work: in the background.
+        begin: gave the work.
     """
 
     effects: tuple[str, ...]
     done: RosFuture
     work: Future[Document]
+    begin: Callable[[], Callable[[], Document]] | None = None
 
 
 class ModelCheckNode(Shell):
@@ -115,7 +120,10 @@ class ModelCheckNode(Shell):
         self._error = self.latched(Float64, MODEL_ERROR)
         self._verdict = typed_publisher(self, "Verdict", MODEL_VERDICT)
         self._diagnosis = self.latched(DiagnosticArray, MODEL_DIAGNOSIS)
-        self.create_service(Trigger, DIAGNOSE, self._diagnose, qos_profile=REQUESTS)
+        self._laws = Path(config.laws).expanduser()
+        for name, begin in ((DIAGNOSE, self.check.diagnosis), (LEARN, self._begin_learning)):
+            answer = partial(self._answer, begin)
+            self.create_service(Trigger, name, answer, qos_profile=REQUESTS)
         self.every(config.period, self._compare)
         self.action = Action(self, "Diagnose", DIAGNOSE, self._begin_goal, self._give_up_diagnosis)
         self.every(0.1, self._report)
@@ -193,11 +201,20 @@ class ModelCheckNode(Shell):
         write = partial(self._model.write, streams)
         self._diagnose_by(partial(keep_and_diagnose, write, ask, watch.folder, watch.most))
 
-    async def _diagnose(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _begin_learning(self) -> Callable[[], Document]:
+        """The work of a diagnosis that learns a law too."""
+        return self.check.learning(self._laws)
+
+    async def _answer(
+        self,
+        begin: Callable[[], Callable[[], Document]],
+        _: Trigger.Request,
+        response: Trigger.Response,
+    ) -> Trigger.Response:
         """Diagnose what is kept; the answer comes when it is finished."""
         try:
             self.action.require_free()
-            finished = await self._begin_diagnosis().done
+            finished = await self._begin_diagnosis(begin).done
             document = finished.result()
         except TactileDynamicsError as error:
             response.success, response.message = False, str(error)
@@ -209,7 +226,7 @@ class ModelCheckNode(Shell):
         """Start a diagnosis for the action, unless a service awaits one."""
         if self._diagnosing is not None and not self._diagnosing.done.done():
             raise NotIdentifiableError("a diagnosis that a service asked for is running")
-        self._begin_diagnosis().done.add_done_callback(self._end_goal)
+        self._begin_diagnosis(self.check.diagnosis).done.add_done_callback(self._end_goal)
 
     def _end_goal(self, done: RosFuture) -> None:
         finished: Future[Document] | None = done.result()
@@ -239,22 +256,27 @@ class ModelCheckNode(Shell):
         """Give feedback; how much is left depends on what will be found."""
         self.action.tell("diagnosing", np.nan, f"for {self.action.elapsed:.0f} s")
 
-    def _begin_diagnosis(self) -> Diagnosing:
+    def _begin_diagnosis(self, begin: Callable[[], Callable[[], Document]]) -> Diagnosing:
         """Start a diagnosis, or join one of the same model that is not finished yet.
+
+        Args:
+            begin: gives its work.
 
         Raises:
             NotIdentifiableError: there are no measurements to diagnose.
         """
         if self._diagnosing is not None:
             running = self._diagnosing
-            if running.effects == self.check.effects and not running.done.done():
+            same = running.effects == self.check.effects and running.begin == begin
+            if same and not running.done.done():
                 return running
         state = self._streams.state
         try:
-            work = self.check.diagnosis()
+            work = begin()
         except BadInputError as error:
             raise NotIdentifiableError(f"{error}; now: {state.text}") from error
-        self._diagnosing = self._diagnose_by(partial(diagnose_measured, work, state))
+        asked = self._diagnose_by(partial(diagnose_measured, work, state))
+        self._diagnosing = replace(asked, begin=begin)
         return self._diagnosing
 
     def _diagnose_by(self, work: Callable[[], Document]) -> Diagnosing:

@@ -81,6 +81,7 @@ class Action:
             goal_callback=self._take,
             cancel_callback=self._cancel,
         )
+        node.actions.append(node.resolve_service_name(name))
 
     @property
     def busy(self) -> bool:

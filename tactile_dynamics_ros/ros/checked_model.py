@@ -14,7 +14,11 @@ from tactile_dynamics_ros.core.discrepancy.live_check import (
     LiveModelCheck,
 )
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.inertia.diagnosis.live_check import compare_streams, diagnose_streams
+from tactile_dynamics_ros.core.inertia.diagnosis.live_check import (
+    compare_streams,
+    diagnose_streams,
+    learn_from_streams,
+)
 from tactile_dynamics_ros.core.planar.diagnosis.changed import ChangeCheck
 from tactile_dynamics_ros.core.planar.filter.record import PushWindow
 from tactile_dynamics_ros.core.streams.measurement_window import MeasurementWindow
@@ -76,7 +80,7 @@ def checked_model(
         compare = partial(compare_streams, iterations=iterations)
         return CheckedModel(
             held,
-            LiveModelCheck(held, compare, diagnose_streams, span),
+            LiveModelCheck(held, compare, diagnose_streams, span, learn_from_streams),
             HeldStreams(
                 node,
                 contacts or CONTACTS,

@@ -79,12 +79,14 @@ class ManagedNode(LifecycleNodeMixin, AnsweringNode):
         active: whether the node works.
         stops: called with the reason when the node ceases to be active; must end all motion, and
             take back what a latched topic says and nobody watches any longer.
+        actions: whole names of the actions that the node offers.
     """
 
     active = False
 
     def __init__(self, name: str) -> None:
         self.stops: list[Callable[[str], None]] = []
+        self.actions: list[str] = []
         try:
             Node.__init__(self, name, automatically_declare_parameters_from_overrides=True)
         except ValueError as error:  # of rclpy, which does not name the parameter

@@ -10,12 +10,11 @@ from contextlib import suppress
 from pathlib import Path
 
 import rclpy
-from rclpy.action import get_action_server_names_and_types_by_node
-from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from tactile_dynamics_ros.core.errors import BadInputError, nearest_file
+from tactile_dynamics_ros.ros.managed import ManagedNode
 from tactile_dynamics_ros.ros.names import DIAGNOSTICS, enclave_of
 
 
@@ -76,23 +75,17 @@ _MANY = 4
 has twelve. Fewer would hide topics that differ, more would fill the terminal with contacts."""
 
 
-def introduce(node: Node) -> str:
+def introduce(node: ManagedNode) -> str:
     """Return "started; listens to ..; publishes ..; ..", names relative to the namespace."""
     space = f"{node.get_namespace().rstrip('/')}/"
     groups = {
         "listens to": (entry.topic_name for entry in node.subscriptions),
         "publishes": (entry.topic_name for entry in node.publishers),
         "offers": (entry.srv_name for entry in node.services),
-        "takes goals of": actions_of(node),
+        "takes goals of": node.actions,
     }
     told = {words: _list(names, space) for words, names in groups.items()}
     return "; ".join(["started", *(f"{words} {names}" for words, names in told.items() if names)])
-
-
-def actions_of(node: Node) -> list[str]:
-    """Return the whole names of the actions that a node offers."""
-    own = node.get_name(), node.get_namespace()
-    return [name for name, _ in get_action_server_names_and_types_by_node(node, *own)]
 
 
 def _list(names: Iterable[str], space: str) -> str:

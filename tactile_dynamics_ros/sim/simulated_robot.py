@@ -54,7 +54,7 @@ class SimulatedRobotConfig:
     depth_rate_hz: float = parameter(0.0, "rate of the depth camera, 0 is off", "Hz", 0.0, 30.0)
     camera_position: tuple[float, ...] = parameter((0.75, -0.6, 0.45), "depth camera, world", "m")
     camera_target: tuple[float, ...] = parameter((0.42, 0.0, 0.18), "what it looks at, world", "m")
-    hidden_effect: str = parameter("none", "disturbance by name, or none, random, random_outside")
+    hidden_effect: str = parameter("none", "disturbance by name, or none, random, outside")
     hidden_magnitude: float = parameter(1.0, "multiple of its typical size", "", 0.0, 100.0)
     world: WorldConfig = field(default_factory=WorldConfig)
     biotac: BioTacConfig = field(default_factory=BioTacConfig)

@@ -73,6 +73,21 @@ def test_diagnosis_is_of_the_last_grasp_and_answers_while_messages_go_on(checker
     checker.until(lambda: checker.seen["/model_check/diagnosis"])
 
 
+def test_a_request_to_learn_is_no_mere_diagnosis_and_is_answered_once(bench, tmp_path):
+    arguments = [f"laws:={tmp_path / 'laws'}", "period:=600.0"]
+    node = bench.start(ModelCheckNode, *[word for a in arguments for word in ("-p", a)])
+    streams = held_box(seconds=5.0).streams
+    play(bench, streams)
+    put_down(bench, streams, 50.0)
+    bench.until(lambda: node._streams.state.name == "nothing held")
+    plain = node._begin_diagnosis(node.check.diagnosis)
+    both = [node._begin_diagnosis(node._begin_learning) for _ in range(2)]
+    assert both[0] is both[1] is not plain
+    answer = json.loads(bench.trigger(node, "/model_check/learn", timeout=120.0).message)
+    assert (answer["law"], answer["nothing_learnt"]) == (None, "nothing is missing")
+    assert (tmp_path / "laws").is_dir()
+
+
 def test_a_diagnosis_that_a_stop_ends_is_not_published(bench, capfd):
     """Its answer comes in another thread, when there may be no publisher any longer."""
     node = bench.start(ModelCheckNode)

@@ -1,5 +1,6 @@
 """The command's frame: exit codes, one-line errors, verbs."""
 
+import fcntl
 import json
 import os
 import shlex
@@ -10,7 +11,7 @@ from types import ModuleType
 import pytest
 
 from tactile_dynamics_ros.cli import main as cli
-from tactile_dynamics_ros.cli.domain import private_domain
+from tactile_dynamics_ros.cli.domain import private_domain, remove_dead_ports
 from tactile_dynamics_ros.cli.progress import shown_progress
 from tactile_dynamics_ros.cli.supervisor import node_command, verb_command
 from tactile_dynamics_ros.cli.verbs import VERBS, Verb
@@ -232,6 +233,20 @@ def test_claimed_domain_is_free_again_after_the_context(monkeypatch, tmp_path):
     for _ in range(2):
         with private_domain() as domain:
             assert domain == 98
+
+
+def test_a_claim_removes_ports_of_its_domain_on_which_nobody_listens(monkeypatch, tmp_path):
+    monkeypatch.setattr("tactile_dynamics_ros.cli.domain.SHARED_MEMORY", tmp_path)
+    for port in (31899, 31900, 31911, 32149, 32150):  # domain 98 has 31900 to 32149
+        (tmp_path / f"fastrtps_port{port}").touch()
+        (tmp_path / f"sem.fastrtps_port{port}_mutex").touch()
+    with (tmp_path / "fastrtps_port31911_el").open("w") as listener:
+        fcntl.flock(listener, fcntl.LOCK_EX)
+        remove_dead_ports(98)
+    left = {path.name for path in tmp_path.iterdir() if not path.name.startswith("sem.")}
+    listened_on = {"fastrtps_port31911", "fastrtps_port31911_el"}
+    assert left == {"fastrtps_port31899", "fastrtps_port32150"} | listened_on
+    assert len(list(tmp_path.glob("sem.*"))) == 3
 
 
 def test_a_claim_follows_no_link(monkeypatch, tmp_path):

@@ -21,6 +21,7 @@ from tactile_dynamics_ros.core.effects.formula.file import read_effect
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.inertia.diagnosis.law_documents import law_entry
 from tactile_dynamics_ros.core.inertia.diagnosis.law_forms import held_forms
+from tactile_dynamics_ros.core.inertia.diagnosis.live_check import learn_from_streams
 from tactile_dynamics_ros.core.inertia.live.refit import RefittedModel, fit_live
 from tactile_dynamics_ros.synthetic import ScenarioOptions, generate_at_whitened_rms
 from tactile_dynamics_ros.synthetic.recordings import write_bag
@@ -193,3 +194,12 @@ def test_the_command_learns_a_law_that_is_an_effect_at_once(magnet, capsys):
     fit = fit_live(made.streams, live.effects)
     assert set(fit.effects) == {"law"}
     assert fit.error.whitened_rms < 1.05
+
+
+def test_of_the_last_seconds_nothing_is_learnt_where_nothing_is_missing(tmp_path):
+    made = generate_at_whitened_rms(22, {}, ScenarioOptions(duration=5.0))
+    document = learn_from_streams(made.streams, (), tmp_path / "laws")
+    assert (document["verdict"], document["law"]) == ("adequate", None)
+    assert document["nothing_learnt"] == "nothing is missing"
+    assert "law" not in document["sentence"]
+    assert list((tmp_path / "laws").iterdir()) == []

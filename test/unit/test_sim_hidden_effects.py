@@ -263,7 +263,7 @@ def test_registry_covers_the_catalogue_and_more():
     assert (
         create_hidden_effect("random", 1.0, 7).name == create_hidden_effect("random", 1.0, 7).name
     )
-    assert create_hidden_effect("random_outside", 1.0, 7).name in OUTSIDE
+    assert create_hidden_effect("outside", 1.0, 7).name in OUTSIDE
 
 
 def test_unknown_names_and_sizes_are_refused():

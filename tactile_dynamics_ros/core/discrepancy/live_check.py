@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
@@ -12,6 +13,7 @@ import numpy as np
 from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.discrepancy.documents import Document
+from tactile_dynamics_ros.core.errors import BadInputError
 
 
 @dataclass(frozen=True)
@@ -68,6 +70,7 @@ class LiveModelCheck(Generic[Measured]):
         compare: holds the model with named effects against measurements.
         diagnose: diagnoses that model, as `tactile-dynamics diagnose` does.
         config: spans.
+        learn: diagnoses and learns a law in a folder; None where no laws are learnt.
     """
 
     def __init__(
@@ -76,10 +79,11 @@ class LiveModelCheck(Generic[Measured]):
         compare: Callable[[Measured, tuple[str, ...]], LiveComparison],
         diagnose: Callable[[Measured, tuple[str, ...]], Document],
         config: LiveCheckConfig | None = None,
+        learn: Callable[[Measured, tuple[str, ...], Path], Document] | None = None,
     ) -> None:
         self.window, self.config = window, config or LiveCheckConfig()
         self.effects: tuple[str, ...] = ()
-        self._compare, self._diagnose = compare, diagnose
+        self._compare, self._diagnose, self._learn = compare, diagnose, learn
 
     def comparison(self) -> Callable[[], LiveComparison]:
         """The comparison of the last `error_window` seconds with the present model.
@@ -97,3 +101,17 @@ class LiveModelCheck(Generic[Measured]):
         """
         streams = self.window.streams(self.config.diagnosis_window)
         return partial(self._diagnose, streams, self.effects)
+
+    def learning(self, folder: Path) -> Callable[[], Document]:
+        """The same diagnosis, which also learns the law of what no known effect explains.
+
+        Args:
+            folder: where the law is written.
+
+        Raises:
+            BadInputError: too little has been measured yet, or no laws are learnt of this model.
+        """
+        if self._learn is None:
+            raise BadInputError("laws are learnt of held objects only")
+        streams = self.window.streams(self.config.diagnosis_window)
+        return partial(self._learn, streams, self.effects, folder)

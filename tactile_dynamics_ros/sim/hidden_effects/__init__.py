@@ -56,7 +56,7 @@ def known_effect(name: str) -> None:
     Raises:
         BadInputError: there is no such effect.
     """
-    known = ("none", "random", "random_outside", *_BY_NAME)
+    known = ("none", "random", "outside", *_BY_NAME)
     if name and name not in known:
         raise BadInputError(
             f"hidden effect '{name}' does not exist{nearest(name, known)}; expected one of "
@@ -69,7 +69,7 @@ def create_hidden_effect(name: str, magnitude: float = 1.0, seed: int = 0) -> Hi
 
     Args:
         name: of an effect; "none" (or empty) for no effect; "random" for one of the catalogue and
-            "random_outside" for one that is not in it, chosen by the seed.
+            "outside" for one that is not in it, chosen by the seed.
         magnitude: multiple of the effect's typical size; 0 is off.
         seed: of everything that is drawn.
 
@@ -81,7 +81,7 @@ def create_hidden_effect(name: str, magnitude: float = 1.0, seed: int = 0) -> Hi
     choice = np.random.default_rng([seed, zlib.crc32(b"choice")])
     if name == "random":
         name = str(choice.choice(CATALOGUED))
-    elif name == "random_outside":
+    elif name == "outside":
         name = str(choice.choice(OUTSIDE))
     if name in ("", "none"):
         return HiddenEffect()

@@ -321,7 +321,7 @@ def known_effect(name: str) -> None:
     Raises:
         BadInputError: there is no such effect.
     """
-    known = ("none", "random", "random_outside", *CATALOGUED, *OUTSIDE, *_BESIDE)
+    known = ("none", "random", "outside", *CATALOGUED, *OUTSIDE, *_BESIDE)
     if name and name not in known:
         raise BadInputError(
             f"hidden effect '{name}' does not exist{nearest(name, known)}; expected one of "
@@ -336,7 +336,7 @@ def hide(
 
     Args:
         name: of an effect; "none" (or empty) for no effect; "random" for one that estimators know
-            and "random_outside" for one that they do not, chosen by the seed.
+            and "outside" for one that they do not, chosen by the seed.
         magnitude: multiple of the effect's typical size; 0 is off.
         seed: of everything that is drawn.
         world: with at least one object.
@@ -349,7 +349,7 @@ def hide(
         raise BadInputError(f"hidden effect magnitude {magnitude}: expected zero or more")
     known_effect(name)
     choice = np.random.default_rng([seed, zlib.crc32(b"choice")])
-    if name in ("random", "random_outside"):
+    if name in ("random", "outside"):
         name = str(choice.choice(CATALOGUED if name == "random" else OUTSIDE))
     if name in ("", "none"):
         return HiddenPushEffect()

@@ -53,7 +53,7 @@ class SimulatedTableConfig:
     vision_rate_hz: float = parameter(
         0.0, "rate of a tracker of markers on the parts, 0 is none", "Hz", 0.0, 100.0
     )
-    hidden_effect: str = parameter("none", "disturbance by name, or none, random, random_outside")
+    hidden_effect: str = parameter("none", "disturbance by name, or none, random, outside")
     hidden_magnitude: float = parameter(1.0, "multiple of its typical size", "", 0.0, 100.0)
     hidden_time: float = parameter(30.0, "when an effect begins that is sudden", "s", 0.0)
     hidden_waits: bool = parameter(False, "whether the hidden effect begins only when asked to")

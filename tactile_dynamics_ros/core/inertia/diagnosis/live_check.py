@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
 
 import numpy as np
 
-from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
+from tactile_dynamics_ros.core.discrepancy.diagnosis import Diagnosis, diagnose
 from tactile_dynamics_ros.core.discrepancy.documents import Document, diagnosis_document
 from tactile_dynamics_ros.core.discrepancy.explanation import ask_twice
 from tactile_dynamics_ros.core.discrepancy.live_check import LiveComparison
@@ -14,6 +16,7 @@ from tactile_dynamics_ros.core.effects.registry import create_effects
 from tactile_dynamics_ros.core.effects.sensor_zero import with_zero
 from tactile_dynamics_ros.core.inertia.batch.averaging import averaged
 from tactile_dynamics_ros.core.inertia.batch.batch import BatchConfig, fit_recording
+from tactile_dynamics_ros.core.inertia.diagnosis.law_documents import learn_file
 from tactile_dynamics_ros.core.inertia.diagnosis.misreading import question
 from tactile_dynamics_ros.core.inertia.diagnosis.readings import (
     fit_with_readings,
@@ -55,7 +58,34 @@ def diagnose_streams(streams: Streams, effects: Sequence[str]) -> Document:
     Raises:
         BadInputError: contacts and motion are missing or do not overlap.
     """
+    return diagnosis_document(_diagnosis(streams, effects))
+
+
+def learn_from_streams(streams: Streams, effects: Sequence[str], folder: Path) -> Document:
+    """Diagnose a model and learn the law of what no known effect explains, as `--learn` does.
+
+    Args:
+        streams: measurements of the last seconds.
+        effects: names of the effects in the model.
+        folder: where the law is written; made if missing. Its name tells the time.
+
+    Raises:
+        BadInputError: contacts and motion are missing or do not overlap.
+    """
+    answer = _diagnosis(streams, effects)
+    document = diagnosis_document(answer)
+    folder.mkdir(parents=True, exist_ok=True)
+    document |= learn_file(answer, folder / f"law_{datetime.now(UTC):%Y%m%d_%H%M%S}.yaml")
+    if document["verdict"] != "unexplained":
+        return document
+    learnt = document["law"]
+    said = learnt["sentence"] if learnt else f"No law is learnt: {document['nothing_learnt']}."
+    return document | {"sentence": f"{document['sentence']} {said}"}
+
+
+def _diagnosis(streams: Streams, effects: Sequence[str]) -> Diagnosis:
+    """The diagnosis of a model with named effects."""
     known = create_effects(effects)
     model = question(streams, known)
     answer, _ = ask_twice(diagnose, model, lambda: model_with_seen_noise(model, streams, known))
-    return diagnosis_document(answer)
+    return answer
