@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 
-from benchmarks.page_section import compose_section, replace_section
+from benchmarks.page_section import compose_section, section_parser, write_section_to
 from benchmarks.support.carried import CarriedOptions, generate_carried
 from tactile_dynamics_ros.core.discrepancy.comparison import compare
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
@@ -130,11 +128,9 @@ def section(outcomes: Sequence[Outcome], command: str) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Ask about clean recordings, print the table and write it."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--start", type=int, default=FIRST_SEED)
+    parser = section_parser(__doc__, FIRST_SEED)
     parser.add_argument("--each", type=int, default=4, help="recordings of each carried kind")
     parser.add_argument("--rolling", type=int, default=20, help="recordings of rolling fingers")
-    parser.add_argument("--write", type=Path, metavar="PAGE")
     options = parser.parse_args(arguments)
     start, each = options.start, options.each
     recordings = [
@@ -150,6 +146,5 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print("\n".join(table(outcomes)))
     if options.write:
         command = f"./dev bench clean --start {start} --each {each} --rolling {options.rolling}"
-        page = options.write.read_text()
-        options.write.write_text(replace_section(page, section(outcomes, command)))
+        write_section_to(options.write, section(outcomes, command))
     return 0

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from benchmarks.page_section import replace_section
+from benchmarks.page_section import write_section_to
 from tactile_dynamics_ros.core.effects import create_effect
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate
 from tactile_dynamics_ros.core.inertia.estimate import estimate as estimate_body
@@ -286,8 +286,7 @@ def main(arguments: list[str] | None = None) -> int:
     section, figure = write_section(Payload(folder))
     print(section)
     if options.write:
-        page = options.write.read_text() if options.write.exists() else ""
-        options.write.write_text(replace_section(page, section))
+        write_section_to(options.write, section)
         image = options.write.parent / FIGURE
         image.parent.mkdir(parents=True, exist_ok=True)
         with house_style():

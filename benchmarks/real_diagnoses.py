@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmarks.page_section import replace_section
+from benchmarks.page_section import write_section_to
 from tactile_dynamics_ros.core.discrepancy.documents import explanation_document
 from tactile_dynamics_ros.core.discrepancy.explanation import explain
 from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldObjectModel
@@ -111,8 +111,7 @@ def main(arguments: list[str] | None = None) -> int:
     section = write_section(options.data)
     print(section)
     if options.write:
-        page = options.write.read_text() if options.write.exists() else ""
-        options.write.write_text(replace_section(page, section))
+        write_section_to(options.write, section)
     return 0
 
 

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from itertools import product
-from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
 
-from benchmarks.page_section import replace_section
+from benchmarks.page_section import section_parser, write_section_to
 from benchmarks.support.regimes import CASES, acts_at, generate_in_regime
 from tactile_dynamics_ros.core.discrepancy import diagnosis
 from tactile_dynamics_ros.core.effects.registry import create_effect
@@ -251,14 +249,12 @@ def section(outcomes: Sequence[Outcome], false: Sequence[dict[str, object]], com
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Ask about all cases, print the table and write it."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--start", type=int, default=FIRST_SEED)
+    parser = section_parser(__doc__, FIRST_SEED)
     parser.add_argument("--each", type=int, default=5, help="recordings of each case")
     parser.add_argument("--clean", type=int, default=60, help="clean recordings")
     parser.add_argument("--always", type=int, default=4, help="of each effect everywhere")
     parser.add_argument("--cost", type=int, default=0, help="of each kind, with and without")
     parser.add_argument("--cases", default=",".join(CASES))
-    parser.add_argument("--write", type=Path, metavar="PAGE")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args(arguments)
     outcomes = []
@@ -279,6 +275,5 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
     if options.write:
         command = f"./dev bench regimes --start {options.start} --each {options.each}"
-        page = options.write.read_text()
-        options.write.write_text(replace_section(page, section(outcomes, false, command)))
+        write_section_to(options.write, section(outcomes, false, command))
     return 0

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from benchmarks.inertia.tables import render
-from benchmarks.page_section import replace_section
+from benchmarks.page_section import write_section_to
 from tactile_dynamics_ros.report.style import (
     BLUE,
     GREEN,
@@ -87,9 +87,7 @@ def keep_results(results: dict[str, Any], file: Path = RESULTS) -> dict[str, Any
 def write_page(results: dict[str, Any], page: Path) -> None:
     """Put the section between its markers in a Markdown page, and the figure beside it."""
     body = "\n\n".join([_INTRODUCTION.strip(), f"![Errors and cost]({FIGURE})", render(results)])
-    section = f"{BEGIN}\n{body}\n{END}\n"
-    text = page.read_text() if page.exists() else ""
-    page.write_text(replace_section(text, section))
+    write_section_to(page, f"{BEGIN}\n{body}\n{END}\n")
     image = page.parent / FIGURE
     image.parent.mkdir(exist_ok=True)
     with house_style():

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.inertia.scores import Score, deviations
-from benchmarks.page_section import compose_section, replace_section
+from benchmarks.page_section import compose_section, write_section_to
 from benchmarks.peers.with_shape import (
     WEIGHTS,
     entropic,
@@ -259,7 +259,5 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("\n".join([*table(rows), "", *body_table(inside)]))
     if options.write:
         command = f"./dev bench tools --seeds {options.seeds} --bodies {options.bodies}"
-        page = options.write.read_text() if options.write.exists() else ""
-        text = section(table(rows), body_table(inside), command)
-        options.write.write_text(replace_section(page, text))
+        write_section_to(options.write, section(table(rows), body_table(inside), command))
     return 0

@@ -24,9 +24,8 @@ from rclpy.service import Service
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 
+from tactile_dynamics_ros.recording.cdr import NANOSECONDS
 from tactile_dynamics_ros.ros.inputs import Input, Numbers
-
-NANOSECONDS = 1_000_000_000
 
 
 class Waiter:

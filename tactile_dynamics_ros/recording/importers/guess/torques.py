@@ -139,8 +139,6 @@ def _least(matrix: Array, read: Array) -> tuple[Array, float, int]:
     return solution, float(np.sum((read.ravel() - flat @ solution) ** 2)), read.size
 
 
-_GRAVITY = 9.81
-"""m/s^2; within the bound below at any place on Earth."""
 _OFF = 0.3
 """Difference of readings and gravity, over gravity, up to which an IMU's axes are those of the
 orientation: robots accelerate loads by up to 2 m/s^2. Axes that are exchanged or turned about are
@@ -174,5 +172,5 @@ def read_acceleration(group: Group, table: Table, rotation: Array) -> dict[str, 
 
 def _distance(specific_force: Array, rotation: Array) -> float:
     """Difference (N, 3) of readings and gravity as a root mean square, over gravity."""
-    error = specific_force - _GRAVITY * rotation[:, 2]
-    return float(np.sqrt(np.nanmean(np.sum(error**2, axis=1)))) / _GRAVITY
+    error = specific_force - GRAVITY * rotation[:, 2]
+    return float(np.sqrt(np.nanmean(np.sum(error**2, axis=1)))) / GRAVITY
