@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from argparse import Namespace, _SubParsersAction
 from typing import Any
 
@@ -61,10 +60,7 @@ def describe(outcome: dict[str, Any]) -> str:
     for k, action in enumerate(outcome["actions"], 1):
         x, y = action["point"]
         lines.append(
-            f"{k}. {action['kind']}{_of_part(outcome, action)} at ({x:.3f}, {y:.3f}) m, "
-            f"{action['speed']:g} m/s: expected to shrink the uncertainty "
-            f"{math.exp(action['expected_gain']):.2g}-fold, "
-            f"{action['chosen_because']}"
+            f"{k}. {action['chosen_because']}; at ({x:.3f}, {y:.3f}) m, {action['speed']:g} m/s"
             + "".join(f"; {key}: {action[key]}" for key in REMARKS if key in action)
         )
     unknown = outcome["properties"]["undetermined"]
@@ -83,11 +79,6 @@ def _numbers(links: list[dict[str, Any]], unknown: list[str]) -> list[str]:
             words = ", ".join(f"{v:.4g} ± {s:.2g}" for v, s in pairs)
             lines.append(f"{name}: {words}{' (undetermined)' if name in unknown else ''}")
     return lines
-
-
-def _of_part(outcome: dict[str, Any], action: dict[str, Any]) -> str:
-    """Which part was pushed, where there are two."""
-    return f" of part {action['part']}" if "said" in outcome["properties"] else ""
 
 
 def why_unknown(properties: dict[str, Any]) -> list[str]:
@@ -110,9 +101,14 @@ def why_unknown(properties: dict[str, Any]) -> list[str]:
             "the recording what it is, or explore again"
         )
     shares = [name for name in unknown if name.endswith(".mass")]
-    if shares and properties.get("structure") in ("rigid", "undecided"):
+    if shares and properties.get("structure") == "rigid":
         said.append(
-            "parts that move as one body determine what they weigh together, not what each of them "
-            "weighs: push them sideways where they meet, or one by one"
+            "the parts are one body: no push of it tells what each of them weighs, only what both "
+            "do and how their faces rub; take them apart and push or lift each"
+        )
+    elif shares and properties.get("structure") == "undecided":
+        said.append(
+            "the parts moved as one body: if a joint holds them, a push that turns it tells what "
+            "each of them weighs; if nothing turns them, only taking them apart does"
         )
     return said

@@ -24,6 +24,7 @@ from tactile_dynamics_ros.core.planar.actions.information import (
     PredictedObject,
     SensingConfig,
 )
+from tactile_dynamics_ros.core.planar.actions.pair import PairExplorer, next_push
 from tactile_dynamics_ros.core.planar.actions.straight import drawing_back, freeing
 from tactile_dynamics_ros.core.planar.control.performance import (
     Guard,
@@ -84,8 +85,7 @@ class Run:
     """A call of the service that is being answered.
 
     Attributes:
-        answer: where it is awaited. explorers: that choose, one of each part. part: whose turn
-            it is. idle: parts of which nothing more is to be done, and why.
+        answer: where it is awaited. explorer: that chooses. part: that is pushed, 0 or 1.
         actions: done, as told in the end. rivals: of the last action, as JSON.
         choosing: while that runs. choice: made. performance: while it is carried out.
         fits: estimates before the last push. since: monotonic s, when it ended.
@@ -94,12 +94,11 @@ class Run:
     """
 
     answer: RosFuture
-    explorers: list[Explorer]
+    explorer: Explorer | PairExplorer
     part: int = 0
-    idle: dict[int, str] = field(default_factory=dict)
     actions: list[dict[str, object]] = field(default_factory=list)
     rivals: str = "[]"
-    choosing: Future[tuple[Explorer, Choice | str]] | None = None
+    choosing: Future[tuple[Explorer | PairExplorer, Choice | str]] | None = None
     performance: Performance | None = None
     fits: int = 0
     since: float = -np.inf
@@ -107,21 +106,9 @@ class Run:
     stopped: int = 0
 
     @property
-    def explorer(self) -> Explorer:
-        """Of the part whose turn it is."""
-        return self.explorers[self.part]
-
-    @property
     def waits(self) -> bool:
         """Whether the next push is chosen by the estimate from the last one."""
         return not isinstance(self.explorer, DirectionExplorer)
-
-    def pass_on(self) -> bool:
-        """Give the turn to the part that was pushed least; return whether there is any."""
-        left = [k for k in range(len(self.explorers)) if k not in self.idle]
-        if left:
-            self.part = min(left, key=lambda k: self.explorers[k].count)
-        return bool(left)
 
 
 class ExplorerNode(Shell):
@@ -182,19 +169,21 @@ class ExplorerNode(Shell):
         self.stop.require_released()
         if self._run is not None:
             raise NotIdentifiableError("it is already exploring")
-        self._run = Run(RosFuture(), self._explorers(kind), performance=self._freeing())
+        self._run = Run(RosFuture(), self._chooser(kind), performance=self._freeing())
         self._heard = time.monotonic()
         return self._run.answer
 
-    def _explorers(self, kind: type[Explorer]) -> list[Explorer]:
-        """One for each part; those of two parts only push, as how they hold together is unknown."""
-        outlines = [self.scene.first_part().outline]
+    def _chooser(self, kind: type[Explorer]) -> Explorer | PairExplorer:
+        """Two parts are only pushed, as a grip may hold them together."""
+        first = self.scene.first_part().outline
         if self._pair is None:
-            return [self._explorer(kind, outlines[0], self.config)]
-        if kind is Explorer:
-            outlines.append(self.scene.of_second()[1])
-        pushing = replace(self.config, manners=("push",))
-        return [self._explorer(kind, outline, pushing) for outline in outlines]
+            return self._explorer(kind, first, self.config)
+        manners = tuple(each for each in self.config.manners if each in ("push", "stop"))
+        pushing = replace(self.config, manners=manners or ("push",))
+        if kind is not Explorer:
+            return self._explorer(kind, first, pushing)
+        outlines = first, self.scene.of_second()[1]
+        return PairExplorer([self._explorer(kind, each, pushing) for each in outlines])
 
     def _explorer(self, kind: type[Explorer], outline: Array, chosen: ExploreConfig) -> Explorer:
         config = self.scene.config
@@ -215,10 +204,12 @@ class ExplorerNode(Shell):
         second = self.scene.second_outline()
         return self.scene.seen(), [] if second is None else [second]
 
-    def _belief(self, run: Run) -> Belief:
-        """What is known of the part whose turn it is."""
-        told = None if self._pair is None else self._pair.values(run.part)
-        return self.scene.belief(run.explorer.thing.outline, told)
+    def _beliefs(self) -> list[Belief]:
+        """What is known of each of two parts."""
+        assert self._pair is not None
+        outlines = self.scene.first_part().outline, self.scene.of_second()[1]
+        told = [self._pair.values(part) for part in (0, 1)]
+        return [self.scene.belief(convex_hull(o), t) for o, t in zip(outlines, told, strict=True)]
 
     def _freeing(self) -> Performance | None:
         """Let go first of what a pull still holds that was stopped; None where jaws are closed."""
@@ -254,11 +245,10 @@ class ExplorerNode(Shell):
         if not goes_on or run.stopped > _STOPPED:
             self._finish(performance.why, False)
             return
-        for explorer in run.explorers:
-            if performance.pressed:
-                explorer.soften()
-            else:
-                explorer.avoid()
+        if performance.pressed:
+            run.explorer.soften()
+        else:
+            run.explorer.avoid()
         run.performance = self._drawing_back(run)
         gently = "at half the speed, " if performance.pressed else ""
         self._tell("stopped", f"{performance.why}: the next pushes go {gently}elsewhere")
@@ -325,27 +315,31 @@ class ExplorerNode(Shell):
         return late
 
     def _choose(self, run: Run) -> None:
-        """Begin to choose for the part that was pushed least; end where none is left to push."""
-        if len(run.explorers) > 1 and len(run.actions) >= self.config.budget:
-            self._finish(f"{len(run.actions)} pushes were made", True)
-            return
-        if not run.pass_on():
-            self._finish("; ".join(dict.fromkeys(run.idle.values())), True)
-            return
-        seen, others = self._view(run.part)
-        run.choosing = self._background.submit(
-            next_choice, run.explorer, self._belief(run), seen.pose, others
-        )
+        """Begin to choose."""
+        if isinstance(run.explorer, PairExplorer):
+            assert self._pair is not None
+            poses = np.stack([self._view(part)[0].pose for part in (0, 1)])
+            run.choosing = self._background.submit(
+                next_push, run.explorer, self._pair.found, self._beliefs(), poses
+            )
+        else:
+            seen, others = self._view(0)
+            belief = self.scene.belief(run.explorer.thing.outline)
+            run.choosing = self._background.submit(
+                next_choice, run.explorer, belief, seen.pose, others
+            )
         self._tell("choosing", "simulating pushes")
 
-    def _begin(self, run: Run, choosing: Future[tuple[Explorer, Choice | str]]) -> None:
+    def _begin(
+        self, run: Run, choosing: Future[tuple[Explorer | PairExplorer, Choice | str]]
+    ) -> None:
         run.choosing = None
         try:
-            run.explorers[run.part], choice = choosing.result()
+            run.explorer, choice = choosing.result()
             if isinstance(choice, str):
-                run.idle[run.part] = choice
-                self._choose(run)
+                self._finish(choice, True)
                 return
+            run.part = choice.part
             seen, _ = self._view(run.part)
             radius = self.scene.config.tip_radius
             action = action_of(choice.candidate, seen, self.way, self.scene.support, radius, GAP)
@@ -354,7 +348,7 @@ class ExplorerNode(Shell):
             return
         run.fits, run.performance = self.scene.fits, Performance(action, Guard(self.guard))
         run.touched = False
-        run.actions.append(choice.to_json(seen.pose) | {"part": run.part + 1})
+        run.actions.append(choice.to_json(seen.pose))
         run.rivals = json.dumps(choice.rivals_json(seen.pose))
         self._tell("pushing", choice.because)
 
