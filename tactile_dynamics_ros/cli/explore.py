@@ -33,25 +33,34 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
 
 def run(args: Namespace) -> int:
     """Ask the explorer; 0 if it ended by itself, 1 if it was stopped, 3 if little is known."""
-    from tactile_dynamics_ros.ros.names import EXPLORE
-
     with short_lived_node() as node:
-        name = f"{read_namespace(args.namespace)}/{EXPLORE}"
-        found = try_goal(node, "Explore", name, args.timeout, not args.json)
-        if found is None:
-            success, message = call_trigger(node, name, args.timeout)
-        else:
-            success, message = found.success, found.json or found.message
-    try:
-        outcome: dict[str, Any] = json.loads(message)
-    except ValueError:
-        raise TactileDynamicsError(message) from None
+        success, outcome = ask(node, read_namespace(args.namespace), args.timeout, args.json)
     print(json.dumps(outcome) if args.json else describe(outcome))
     if not success:
         raise TactileDynamicsError(outcome["stopped_because"])
     if "friction_force_n" in outcome["properties"]["undetermined"]:
         raise NotIdentifiableError("the friction force is not known")
     return 0
+
+
+def ask(node: Any, namespace: str, timeout: float, quiet: bool) -> tuple[bool, dict[str, Any]]:
+    """Let the explorer explore; return whether it ended by itself, and what it says in the end.
+
+    Raises:
+        TactileDynamicsError: it refuses, or there is none.
+    """
+    from tactile_dynamics_ros.ros.names import EXPLORE
+
+    name = f"{namespace}/{EXPLORE}"
+    found = try_goal(node, "Explore", name, timeout, not quiet)
+    if found is None:
+        success, message = call_trigger(node, name, timeout)
+    else:
+        success, message = found.success, found.json or found.message
+    try:
+        return success, json.loads(message)
+    except ValueError:
+        raise TactileDynamicsError(message) from None
 
 
 def describe(outcome: dict[str, Any]) -> str:

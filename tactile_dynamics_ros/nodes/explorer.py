@@ -6,6 +6,7 @@ import json
 import time
 from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -26,6 +27,7 @@ from tactile_dynamics_ros.core.planar.actions.information import (
 )
 from tactile_dynamics_ros.core.planar.actions.pair import PairExplorer, next_push
 from tactile_dynamics_ros.core.planar.actions.straight import drawing_back, freeing
+from tactile_dynamics_ros.core.planar.control.foresight import Task, next_for
 from tactile_dynamics_ros.core.planar.control.performance import (
     Guard,
     GuardConfig,
@@ -118,7 +120,9 @@ class ExplorerNode(Shell):
 
     def __init__(self) -> None:
         super().__init__("explorer")
-        self.config = declare_config(self, ExploreConfig)
+        self.config = declare_config(
+            self, ExploreConfig, live=["goal", "goal_error"], on_change=self._ask_otherwise
+        )
         self.sensing = declare_config(self, SensingConfig, "sensing.")
         self.way = declare_config(self, WayConfig, "way.")
         self.guard = declare_config(self, GuardConfig)
@@ -132,8 +136,8 @@ class ExplorerNode(Shell):
         self._width: float | None = None
         self._progress = self.latched(DiagnosticStatus, EXPLORE_PROGRESS)
         self.stop = EmergencyStop(self, lambda why: self._finish(why, False))
-        self.create_service(Trigger, EXPLORE, self._explore, qos_profile=REQUESTS)
-        self.create_service(Trigger, EXPLORE_CHANGE, self._change, qos_profile=REQUESTS)
+        for name, kind in ((EXPLORE, Explorer), (EXPLORE_CHANGE, DirectionExplorer)):
+            self.create_service(Trigger, name, partial(self._answer, kind), qos_profile=REQUESTS)
         self.action = Action(
             self,
             "Explore",
@@ -149,15 +153,10 @@ class ExplorerNode(Shell):
         self.action.close()
         super().destroy_node()
 
-    async def _explore(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Explore; the answer comes when it is known, or why not."""
-        return await self._answer(Explorer, response)
-
-    async def _change(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Push in different directions, after something has changed; estimates are not awaited."""
-        return await self._answer(DirectionExplorer, response)
-
-    async def _answer(self, kind: type[Explorer], response: Trigger.Response) -> Trigger.Response:
+    async def _answer(
+        self, kind: type[Explorer], _: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
+        """Explore, or push in directions that differ; the answer comes at the end, or why not."""
         try:
             response.success, response.message = await self._start(kind)
         except TactileDynamicsError as error:
@@ -208,8 +207,8 @@ class ExplorerNode(Shell):
         """What is known of each of two parts."""
         assert self._pair is not None
         outlines = self.scene.first_part().outline, self.scene.of_second()[1]
-        told = [self._pair.values(part) for part in (0, 1)]
-        return [self.scene.belief(convex_hull(o), t) for o, t in zip(outlines, told, strict=True)]
+        values = self._pair.values
+        return [self.scene.belief(convex_hull(o), values(k)) for k, o in enumerate(outlines)]
 
     def _freeing(self) -> Performance | None:
         """Let go first of what a pull still holds that was stopped; None where jaws are closed."""
@@ -245,10 +244,7 @@ class ExplorerNode(Shell):
         if not goes_on or run.stopped > _STOPPED:
             self._finish(performance.why, False)
             return
-        if performance.pressed:
-            run.explorer.soften()
-        else:
-            run.explorer.avoid()
+        (run.explorer.soften if performance.pressed else run.explorer.avoid)()
         run.performance = self._drawing_back(run)
         gently = "at half the speed, " if performance.pressed else ""
         self._tell("stopped", f"{performance.why}: the next pushes go {gently}elsewhere")
@@ -324,11 +320,24 @@ class ExplorerNode(Shell):
             )
         else:
             seen, others = self._view(0)
-            belief = self.scene.belief(run.explorer.thing.outline)
-            run.choosing = self._background.submit(
-                next_choice, run.explorer, belief, seen.pose, others
-            )
+            asked = run.explorer, self.scene.belief(run.explorer.thing.outline), seen.pose, others
+            if self.config.goal_error and run.waits:
+                run.choosing = self._background.submit(next_for, self._task(), *asked)
+            else:
+                run.choosing = self._background.submit(next_choice, *asked)
         self._tell("choosing", "simulating pushes")
+
+    def _task(self) -> Task:
+        """What the object is explored for."""
+        x, y, turn = self.config.goal
+        goal, scene = np.array([x, y, np.deg2rad(turn)]), self.scene
+        error, tip = self.config.goal_error, scene.seen().tip
+        return Task(goal, scene.first_part(), scene.config.bounds, tip, error, way=self.way)
+
+    def _ask_otherwise(self, config: ExploreConfig) -> str:
+        """Explore for another goal, or for none, from the next choice on."""
+        self.config = config
+        return "counts from the next push on that is chosen"
 
     def _begin(
         self, run: Run, choosing: Future[tuple[Explorer | PairExplorer, Choice | str]]

@@ -1,5 +1,7 @@
 """Exploring two parts: first whether a joint holds them, then the numbers of what they are."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -120,6 +122,19 @@ def test_on_a_joint_it_says_of_which_part_a_push_tells_what(known, words):
     choice = explorer().choose(found, UNKNOWN, POSES)
     assert isinstance(choice, Choice)
     assert words in choice.because
+
+
+def test_a_manner_that_does_not_bring_what_it_promised_gives_way_to_another():
+    asking = explorer(replace(QUICK, manners=("push", "stop"), budget=9))
+    found = estimate("rigid", 0.3)
+    first = asking.choose(found, UNKNOWN, POSES)
+    std = np.sqrt(np.diag(found["covariance"]["matrix"]))
+    found["covariance"]["matrix"] = np.diag(np.square(0.99 * std)).tolist()  # next to nothing
+    second = asking.choose(found, UNKNOWN, POSES)
+    assert second.candidate.manner != first.candidate.manner
+    kept = asking._kept[RIGID, first.candidate.manner]
+    promised = first.expected.std**-2.0 - std**-2.0
+    np.testing.assert_allclose(kept * promised, (0.99 * std) ** -2.0 - std**-2.0, rtol=1e-6)
 
 
 def test_separate_parts_are_pushed_in_turn_each_as_if_it_were_alone():

@@ -29,7 +29,7 @@ def told():
         "direction": [1.0, 0.0],
         "speed": 0.2,
         "expected_gain": 9.5,
-        "chosen_because": "push it: tells where the centre of mass lies",
+        "chosen_because": "push it: tells its centre of mass",
     }
     link = {
         "friction_force_n": {"value": 2.1, "std": 0.1},
@@ -78,7 +78,13 @@ def test_estimates_stand_beside_the_truth_with_what_is_undetermined(told):
 
 def test_the_page_tells_pushes_estimates_and_the_way(told, tmp_path):
     page = write_exploration(told, tmp_path).read_text()
-    for words in ("tells where the centre of mass lies", "support_tilt", "near enough", "1.2 mm", "undetermined"):
+    for words in (
+        "tells its centre of mass",
+        "support_tilt",
+        "near enough",
+        "1.2 mm",
+        "undetermined",
+    ):
         assert words in page
     assert {file.stem for file in tmp_path.glob("*.png")} == {"actions", "estimates", "goal"}
 
@@ -163,7 +169,7 @@ def test_a_push_that_was_stopped_says_so(told, tmp_path):
 
 def test_what_was_explored_is_told_in_lines(told):
     lines = describe(told["explored"]).splitlines()
-    assert lines[0].startswith("1. push it: tells where the centre of mass lies; at (0.450, 0.000) m")
+    assert lines[0].startswith("1. push it: tells its centre of mass; at (0.450, 0.000) m")
     assert "mass: 0.7 ± 0.05 (undetermined)" in lines
     assert lines[-1] == "stopped: all parameters are known to the wanted width"
 

@@ -147,6 +147,8 @@ class PairExplorer:
         self.count = 0
         self._asked: set[int] = set()
         self._part = 0
+        self._promise: tuple[tuple[str, ...], str, Array, Array] | None = None
+        self._kept: dict[tuple[tuple[str, ...], str], Array] = {}
 
     def soften(self) -> None:
         """Push at half the speed, and elsewhere, from now on."""
@@ -238,6 +240,7 @@ class PairExplorer:
         chances = {"rigid": 1.0} if found is None else found["structure_probability"]
         names = RIGID if chances["rigid"] >= chances.get("jointed", 0.0) else JOINTED
         belief = pair_belief(found, beliefs, self._pair(0, poses, names is JOINTED))
+        self._judge(names, belief)
         wide = belief.std > self._wanted(names)
         if not wide.any() and self.count >= self.config.least:
             return "what pushes of both parts tell is known to the wanted width"
@@ -250,6 +253,7 @@ class PairExplorer:
             return f"no push that was simulated would narrow {left} any further"
         self._made(part, offered[part][k])
         after = updated(belief, found_by[part][k])
+        self._promise = names, offered[part][k].manner, belief.std, after.std
         words = f"{WORDS[offered[part][k].manner]} on part {part + 1}: "
         words += to_tell(names, belief, after, wide)
         others = rivals(offered[part], gains[part], k)
@@ -274,7 +278,21 @@ class PairExplorer:
         seen = Belief(mean, turn @ belief.covariance @ turn.T)
         sensing = self.explorers[part].sensing
         own = by_kind(offered, lambda alike: informations(pair, seen, alike, sensing))
-        return np.asarray(turn.T @ own @ turn)
+        kept = [self._kept.get((names, c.manner), np.ones(len(names))) for c in offered]
+        root = np.sqrt(np.array(kept))
+        return np.asarray(root[:, :, None] * (turn.T @ own @ turn) * root[:, None])
+
+    def _judge(self, names: tuple[str, ...], belief: Belief) -> None:
+        """Note which share of what the last push promised it brought, for pushes of its manner.
+
+        Simulations know the tip's motion; estimators have poses, and resolve hard stops less.
+        """
+        promise, self._promise = self._promise, None
+        if promise is None or promise[0] != names or np.allclose(belief.std, promise[2]):
+            return  # no estimate of it came
+        before, promised, brought = (std**-2.0 for std in (promise[2], promise[3], belief.std))
+        share = (brought - before) / np.maximum(promised - before, 1e-9)
+        self._kept[names, promise[1]] = np.clip(share, 0.0, 1.0)
 
     def _wanted(self, names: tuple[str, ...]) -> Array:
         """Stds (n,) that are wide enough; the ratio of two frictions is as two products are."""
