@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from tactile_dynamics_ros.api.pushed_estimates import EstimateOfPushes
+from tactile_dynamics_ros.api.reading import read_pushed_recording
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.planar.properties.estimate import estimate
 from tactile_dynamics_ros.core.planar.streams import LinkStream, PushedStreams
 from tactile_dynamics_ros.core.planar.tip import contact_of_tip
-from tactile_dynamics_ros.recording.pushed import PushedRecording
+from tactile_dynamics_ros.recording.bag_writer import write_tables
+from tactile_dynamics_ros.recording.pushed import PushedRecording, writer
 from tactile_dynamics_ros.synthetic.pushed.actions import ActionOptions
 from tactile_dynamics_ros.synthetic.pushed.recordings import PushOptions, generate
 
@@ -106,3 +108,24 @@ def test_the_friction_coefficient_follows_from_slides_after_hard_stops():
     assert sliding.slides >= 2
     assert abs(value - truth["friction"]) < 3.0 * std
     assert std < 0.25 * value
+
+
+def test_a_bag_with_the_pusher_s_pose_in_place_of_contacts_is_read(slow, tmp_path):
+    streams = slow[0]
+    contact = streams.contacts["pusher"]
+    yaw = np.zeros(len(contact.pose_time))
+    streams = replace(streams, pusher_time=contact.pose_time, pusher_yaw=yaw)
+    link, turn = streams.links[0], np.eye(3)
+    tables = [
+        writer._link(0, link, turn, 10**9),
+        writer._footprint(0, link.footprint, 0.0, 10**9),
+        writer._pusher(streams, turn, 10**9),
+    ]
+    write_tables(tables, tmp_path / "bag")
+    recording, _ = read_pushed_recording(tmp_path / "bag")
+    (name,) = recording.streams.contacts
+    assert name == "pusher"
+    assert not recording.streams.feels
+    found = recording.streams.contacts[name]
+    np.testing.assert_allclose(found.point[:, 2], contact.point[:, 2])
+    assert np.median(np.linalg.norm(found.point - contact.point, axis=1)) < 1e-3

@@ -216,8 +216,7 @@ def estimate_with_fit(
     The fit is None where poses are sparse, or two parts are separate or their numbers only guessed.
     """
     streams = recording if isinstance(recording, PushedStreams) else recording.streams
-    if streams.feels:
-        check_reading(streams)
+    check_reading(streams)
     if len(streams.links) > 1:
         return _of_pair(streams, effects)
     return _of_one(streams, effects, known)
