@@ -366,8 +366,8 @@ def _of_parts(beliefs: Sequence[Belief], pair: PredictedPair) -> Belief:
     whole = np.logaddexp(one.mean[:2], two.mean[:2])
     friction = [belief.mean[0] - belief.mean[1] for belief in beliefs]
     mean = np.array([*whole, *pair.patch.centroid, friction[1] - friction[0]])
-    std = [*np.maximum(one.std, two.std)[:2], *(one.std + two.std)[2:]]
-    return Belief(mean, np.diag(np.square([*std, np.hypot(one.std[0], two.std[0])])))
+    wide = [*np.maximum(one.std, two.std)[:2], *(one.std + two.std)[2:]]
+    return Belief(mean, np.diag(np.square([*wide, np.hypot(one.std[0], two.std[0])])))
 
 
 def _to_touched(pair: PredictedPair, part: int) -> Array:
