@@ -79,7 +79,8 @@ def test_a_push_along_the_second_part_tells_the_centre_across_it_in_the_first_on
     found = estimate("rigid", 0.3)
     found["whole"]["com"]["value"] = [0.0, 0.037]  # the push goes through it
     belief = pair_belief(found, UNKNOWN, asking._pair(0, poses, False))
-    told = asking._told(1, [push((0.04, 0.0), (-1, 0))], belief, RIGID, poses)[0]
+    seen = asking._pair(1, poses, False)
+    told = asking._told(1, [push((0.04, 0.0), (-1, 0))], belief, seen)[0]
     assert told[2, 2] > 4.0 * told[3, 3]
 
 
@@ -142,3 +143,11 @@ def test_separate_parts_are_pushed_in_turn_each_as_if_it_were_alone():
     said = [asking.choose({"structure": "separate"}, UNKNOWN, POSES) for _ in range(2)]
     assert [choice.part for choice in said] == [0, 1]
     assert asking.count == 2
+
+
+def test_a_joint_is_where_it_was_found_seen_from_either_part():
+    found = {"joint": {"position": [0.043, 0.01]}}
+    first, second = (explorer()._pair(k, POSES, True, found) for k in (0, 1))
+    np.testing.assert_allclose(first.joint, [0.043, 0.01])
+    np.testing.assert_allclose(second.joint, [0.043 - 0.084, 0.01])
+    assert explorer()._pair(0, POSES, False, found).joint is None

@@ -192,10 +192,18 @@ class PairExplorer:
         beside = placed(other, self._beside(part, poses))
         return explorer.pushes(explorer.around(poses[part], (beside,)))
 
-    def _pair(self, part: int, poses: Array, jointed: bool) -> PredictedPair:
+    def _pair(
+        self, part: int, poses: Array, jointed: bool, found: dict[str, Any] | None = None
+    ) -> PredictedPair:
+        """The pair as seen from a part; a joint is where it was found, or where outlines meet."""
         thing, other = self.explorers[part].thing, self.explorers[1 - part].thing.outline
         offset = self._beside(part, poses)
         joint = meeting_points(thing.outline, other, offset).mean(axis=0) if jointed else None
+        place = None if found is None else found["joint"].get("position")
+        if jointed and place is not None:
+            joint = np.array(place)
+            if part == 1:
+                joint = in_second(joint, self._beside(0, poses))
         named = {n: getattr(thing, n) for n in ("tip_friction", "push_height", "com_height")}
         return PredictedPair(thing.outline, **named, second=other, offset=offset, joint=joint)
 
@@ -239,12 +247,13 @@ class PairExplorer:
         """The push that narrows most of what is wanted narrower."""
         chances = {"rigid": 1.0} if found is None else found["structure_probability"]
         names = RIGID if chances["rigid"] >= chances.get("jointed", 0.0) else JOINTED
-        belief = pair_belief(found, beliefs, self._pair(0, poses, names is JOINTED))
+        belief = pair_belief(found, beliefs, self._pair(0, poses, names is JOINTED, found))
         self._judge(names, belief)
         wide = belief.std > self._wanted(names)
         if not wide.any() and self.count >= self.config.least:
             return "what pushes of both parts tell is known to the wanted width"
-        found_by = [self._told(k, offered[k], belief, names, poses) for k in (0, 1)]
+        pairs = [self._pair(k, poses, names is JOINTED, found) for k in (0, 1)]
+        found_by = [self._told(k, offered[k], belief, pairs[k]) for k in (0, 1)]
         gains = [expected_gain(belief, each, wide if wide.any() else None) for each in found_by]
         part = int(np.argmax([gain.max(initial=-1.0) for gain in gains]))
         k = int(gains[part].argmax())
@@ -264,13 +273,12 @@ class PairExplorer:
         part: int,
         offered: list[Candidate],
         belief: Belief,
-        names: tuple[str, ...],
-        poses: Array,
+        pair: PredictedPair,
     ) -> Array:
         """Information (N, n, n) of pushes of a part."""
+        names = pair.names
         if not offered:
             return np.zeros((0, len(names), len(names)))
-        pair = self._pair(part, poses, jointed=names is JOINTED)
         turn = _to_touched(pair, part)
         mean = turn @ belief.mean
         if part == 1 and names is RIGID:
