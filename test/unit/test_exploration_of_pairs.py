@@ -67,7 +67,7 @@ def test_a_joint_shows_in_a_push_across_the_parts_and_not_in_one_along_them():
     mean = np.array([-2.0, -1.0, 0.0, 0.0, -2.0, -1.0, 0.0, 0.0, 0.0])
     along = push((-0.04, 0.0), (1, 0))
     across = push((-0.025, -0.03), (0, 1))
-    through, aside = joint_shows(pair(np.array([0.042, 0.0])), mean, [along, across])
+    through, aside = joint_shows(pair(np.array([0.042, 0.0])), mean, 0.01, [along, across])
     assert through < 0.1
     assert aside > 0.3
 
@@ -151,3 +151,13 @@ def test_a_joint_is_where_it_was_found_seen_from_either_part():
     np.testing.assert_allclose(first.joint, [0.043, 0.01])
     np.testing.assert_allclose(second.joint, [0.043 - 0.084, 0.01])
     assert explorer()._pair(0, POSES, False, found).joint is None
+
+
+def test_a_joint_that_hardly_turned_is_turned_before_numbers_are_asked():
+    found = estimate("jointed", 0.3)
+    found["joint"]["friction_torque_nm"] = None
+    choice = explorer().choose(found, UNKNOWN, POSES)
+    assert "turns the joint" in choice.because
+    arm = np.array([0.042, 0.0]) * (1 - 2 * choice.part) - choice.candidate.point
+    way = choice.candidate.direction
+    assert abs(arm[0] * way[1] - arm[1] * way[0]) > 0.03  # a lever about where outlines meet

@@ -34,6 +34,7 @@ from tactile_dynamics_ros.core.planar.actions.information import (
 )
 from tactile_dynamics_ros.core.planar.linked.chances import JOINT_SPREAD, JOINT_TORQUE, SEEN_TURN
 from tactile_dynamics_ros.core.planar.linked.outlines import in_second, meeting_points
+from tactile_dynamics_ros.core.planar.linked.pushes import ENOUGH_TURN
 from tactile_dynamics_ros.core.planar.linked.rows import PairPatch
 from tactile_dynamics_ros.core.planar.mechanics.linkage import (
     Joint,
@@ -105,15 +106,18 @@ class PredictedPair(PredictedObject):
         return Linkage(links, Joint(here, there, np.exp(parameters[:, 8])))
 
 
-def joint_shows(pair: PredictedPair, mean: Array, candidates: Sequence[Candidate]) -> Array:
-    """Share (N,) of usual joints that would turn visibly in each candidate.
+def joint_shows(
+    pair: PredictedPair, mean: Array, enough: float, candidates: Sequence[Candidate]
+) -> Array:
+    """Share (N,) of usual joints that would turn far enough in each candidate.
 
-    Each is simulated on joints of five frictions; a turn by less than what is seen for certain
-    counts by its share, so that of pushes in which no joint turns the harder one is preferred.
+    Each is simulated on joints of five frictions; a turn by less than what is enough counts by its
+    share, so that of pushes in which no joint turns the harder one is preferred.
 
     Args:
         pair: with a joint.
         mean: (9,) its numbers; the joint's friction is not used.
+        enough: rad.
         candidates: of one manner, with the same speed, length and acceleration.
     """
     count, tried = len(candidates), len(_TORQUES)
@@ -125,7 +129,7 @@ def joint_shows(pair: PredictedPair, mean: Array, candidates: Sequence[Candidate
     body = pair.linkage(parameters, pair.com_height * same)
     motion = simulate(body, tip, start, paths_of(candidates, tried), STEPS)
     turn = np.abs(motion.pose[:, -1, 1, 2] - motion.pose[:, -1, 0, 2] - pair.offset[2])
-    shown = np.clip(turn / SEEN_TURN, 0.0, 1.0)
+    shown = np.clip(turn / enough, 0.0, 1.0)
     return np.asarray(shown.reshape(count, tried).mean(axis=1))
 
 
@@ -152,8 +156,8 @@ class PairExplorer:
 
     def soften(self) -> None:
         """Push at half the speed, and elsewhere, from now on."""
-        self.explorers[self._part].soften()
-        self.explorers[1 - self._part].soften()
+        for explorer in self.explorers:
+            explorer.soften()
 
     def avoid(self) -> None:
         """Begin elsewhere from now on than where the last push began."""
@@ -180,6 +184,9 @@ class PairExplorer:
             return self._to_turn(asking, offered, beliefs, poses)
         if not any(offered):
             return "no push keeps tip and object where the arm may be"
+        if structure == "jointed" and found and found["joint"]["friction_torque_nm"] is None:
+            both = [k for k in (0, 1) if offered[k]]
+            return self._to_turn(both, offered, beliefs, poses, found)
         return self._to_narrow(offered, found, beliefs, poses)
 
     def _beside(self, part: int, poses: Array) -> Array:
@@ -218,23 +225,25 @@ class PairExplorer:
         offered: Sequence[list[Candidate]],
         beliefs: Sequence[Belief],
         poses: Array,
+        found: dict[str, Any] | None = None,
     ) -> Choice:
-        """The push in which most joints would turn."""
-        shown = []
+        """The push that turns most joints visibly; one that is found, far enough for numbers."""
+        shown, enough = [], SEEN_TURN if found is None else ENOUGH_TURN
         for part in asking:
-            pair = self._pair(part, poses, jointed=True)
+            pair = self._pair(part, poses, True, found)
             mean = _to_touched(pair, part) @ _of_parts(beliefs, pair).mean
-            simulated = partial(joint_shows, pair, mean)
+            simulated = partial(joint_shows, pair, mean, enough)
             shown.append(by_kind(offered[part], simulated))
         part = asking[int(np.argmax([share.max() for share in shown]))]
         share = shown[asking.index(part)]
         k = int(share.argmax())
         self._asked.add(part)
         self._made(part, offered[part][k])
-        words = (
-            f"{WORDS[offered[part][k].manner]} on part {part + 1}: tells whether the parts are one "
-            f"body ({100.0 * share[k]:.0f} % of usual joints would turn)"
-        )
+        told = "turns the joint, which tells its friction and what is whose"
+        if found is None:
+            turned_by = f"{100.0 * share[k]:.0f} % of usual joints would turn"
+            told = f"tells whether the parts are one body ({turned_by})"
+        words = f"{WORDS[offered[part][k].manner]} on part {part + 1}: {told}"
         return Choice(offered[part][k], 0.0, words, None, part=part)
 
     def _to_narrow(
