@@ -13,7 +13,7 @@ from tactile_dynamics_ros.core.errors import (
     NotIdentifiableError,
     TactileDynamicsError,
 )
-from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate
+from tactile_dynamics_ros.core.planar.properties.estimate import NO_FORCE, PushedEstimate
 from tactile_dynamics_ros.report.numbers import with_uncertainty
 
 if TYPE_CHECKING:
@@ -155,6 +155,8 @@ class EstimateOfPushes(ReportedResult):
     def _part_rows(self, values: Mapping[str, tuple[float, float]], of: str) -> Rows:
         rows: Rows = []
         for name, (words, factor, unit) in _SHOWN.items():
+            if name not in values:  # no force was measured
+                continue
             told = of + ("com" if name.startswith("com_") else name)
             star = " *" if told in self.undetermined else ""
             numbers = with_uncertainty(*(factor * number for number in values[name]))
@@ -201,6 +203,8 @@ class EstimateOfPushes(ReportedResult):
                 is known.
         """
         unknown = not self.found.is_answer
+        if not self.recording.streams.feels:
+            raise NotIdentifiableError(NO_FORCE)
         if self.is_far or (unknown and not self.fits):
             raise NotIdentifiableError(self.misfit)
         if unknown:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from argparse import Namespace, _SubParsersAction
 from typing import Any
 
@@ -34,19 +33,8 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
 
 def run(args: Namespace) -> int:
     """Ask the explorer; 0 if it ended by itself, 1 if it was stopped, 3 if little is known."""
-    from tactile_dynamics_ros.ros.names import EXPLORE
-
     with short_lived_node() as node:
-        name = f"{read_namespace(args.namespace)}/{EXPLORE}"
-        found = try_goal(node, "Explore", name, args.timeout, not args.json)
-        if found is None:
-            success, message = call_trigger(node, name, args.timeout)
-        else:
-            success, message = found.success, found.json or found.message
-    try:
-        outcome: dict[str, Any] = json.loads(message)
-    except ValueError:
-        raise TactileDynamicsError(message) from None
+        success, outcome = ask(node, read_namespace(args.namespace), args.timeout, args.json)
     print(json.dumps(outcome) if args.json else describe(outcome))
     if not success:
         raise TactileDynamicsError(outcome["stopped_because"])
@@ -55,16 +43,33 @@ def run(args: Namespace) -> int:
     return 0
 
 
+def ask(node: Any, namespace: str, timeout: float, quiet: bool) -> tuple[bool, dict[str, Any]]:
+    """Let the explorer explore; return whether it ended by itself, and what it says in the end.
+
+    Raises:
+        TactileDynamicsError: it refuses, or there is none.
+    """
+    from tactile_dynamics_ros.ros.names import EXPLORE
+
+    name = f"{namespace}/{EXPLORE}"
+    found = try_goal(node, "Explore", name, timeout, not quiet)
+    if found is None:
+        success, message = call_trigger(node, name, timeout)
+    else:
+        success, message = found.success, found.json or found.message
+    try:
+        return success, json.loads(message)
+    except ValueError:
+        raise TactileDynamicsError(message) from None
+
+
 def describe(outcome: dict[str, Any]) -> str:
     """Return what was done and found, in lines for people."""
     lines = []
     for k, action in enumerate(outcome["actions"], 1):
         x, y = action["point"]
         lines.append(
-            f"{k}. {action['kind']}{_of_part(outcome, action)} at ({x:.3f}, {y:.3f}) m, "
-            f"{action['speed']:g} m/s: expected to shrink the uncertainty "
-            f"{math.exp(action['expected_gain']):.2g}-fold, "
-            f"{action['chosen_because']}"
+            f"{k}. {action['chosen_because']}; at ({x:.3f}, {y:.3f}) m, {action['speed']:g} m/s"
             + "".join(f"; {key}: {action[key]}" for key in REMARKS if key in action)
         )
     unknown = outcome["properties"]["undetermined"]
@@ -83,11 +88,6 @@ def _numbers(links: list[dict[str, Any]], unknown: list[str]) -> list[str]:
             words = ", ".join(f"{v:.4g} ± {s:.2g}" for v, s in pairs)
             lines.append(f"{name}: {words}{' (undetermined)' if name in unknown else ''}")
     return lines
-
-
-def _of_part(outcome: dict[str, Any], action: dict[str, Any]) -> str:
-    """Which part was pushed, where there are two."""
-    return f" of part {action['part']}" if "said" in outcome["properties"] else ""
 
 
 def why_unknown(properties: dict[str, Any]) -> list[str]:
@@ -110,9 +110,14 @@ def why_unknown(properties: dict[str, Any]) -> list[str]:
             "the recording what it is, or explore again"
         )
     shares = [name for name in unknown if name.endswith(".mass")]
-    if shares and properties.get("structure") in ("rigid", "undecided"):
+    if shares and properties.get("structure") == "rigid":
         said.append(
-            "parts that move as one body determine what they weigh together, not what each of them "
-            "weighs: push them sideways where they meet, or one by one"
+            "the parts are one body: no push of it tells what each of them weighs, only what both "
+            "do and how their faces rub; take them apart and push or lift each"
+        )
+    elif shares and properties.get("structure") == "undecided":
+        said.append(
+            "the parts moved as one body: if a joint holds them, a push that turns it tells what "
+            "each of them weighs; if nothing turns them, only taking them apart does"
         )
     return said

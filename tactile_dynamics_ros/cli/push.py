@@ -40,6 +40,12 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         metavar=("X", "Y", "YAW_DEG"),
         help="where the object's frame should come to, world, m and deg; push_controller does it",
     )
+    parser.add_argument(
+        "--explore",
+        type=POSITIVE,
+        metavar="M",
+        help="with --goal: explore first, but only until pushes are expected to end so near to it",
+    )
     place = {"nargs": 2, "type": FINITE, "metavar": ("X", "Y")}
     parser.add_argument("--from", dest="start", help="where the tip comes down, world, m", **place)
     parser.add_argument("--to", dest="end", help="where it stops, world, m", **place)
@@ -62,6 +68,8 @@ def run(args: Namespace) -> int:
         if any(given is not None for given in line) or args.pull:
             raise BadInputError("push: --goal goes without --from, --to, --speed and --pull")
         return push_to_goal(args)
+    if args.explore is not None:
+        raise BadInputError("push: --explore goes with --goal")
     if any(given is None for given in line):
         raise BadInputError("push: give --goal X Y YAW_DEG, or --from, --to and --speed")
     return _push_straight(args)

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from tactile_dynamics_ros.cli.bringup import read_namespace
+from tactile_dynamics_ros.cli.explore import ask as explore
 from tactile_dynamics_ros.cli.goals import try_goal
-from tactile_dynamics_ros.cli.topics import short_lived_node, spin_until
+from tactile_dynamics_ros.cli.topics import set_parameter, short_lived_node, spin_until
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
 
 DISCOVERY = 5.0
@@ -25,8 +26,10 @@ def push_to_goal(args: Namespace) -> int:
     """Publish the goal and print how it ended; 0 if the object is there, 1 if not."""
     if not np.all(np.isfinite(args.goal)):
         raise BadInputError(f"push: --goal {args.goal}: expected X Y YAW_DEG as numbers")
+    space = read_namespace(args.namespace)
     with short_lived_node() as node:
-        outcome = ask(node, args.goal, read_namespace(args.namespace), args.json)
+        explored = {} if args.explore is None else _explored(node, args, space)
+        outcome = ask(node, args.goal, space, args.json) | explored
     if args.json:
         print(json.dumps(outcome))
     else:
@@ -38,6 +41,20 @@ def push_to_goal(args: Namespace) -> int:
             f"({outcome['stopped_because']})"
         )
     return 0 if outcome["reached"] else 1
+
+
+def _explored(node: Any, args: Namespace, space: str) -> dict[str, Any]:
+    """Let the explorer make the pushes that the goal needs; what was done goes into the outcome."""
+    target = f"{space}/explorer"
+    set_parameter(node, target, "goal", [float(each) for each in args.goal], DISCOVERY)
+    set_parameter(node, target, "goal_error", args.explore, DISCOVERY)
+    try:
+        _, told = explore(node, space, math.inf, args.json)
+    finally:
+        set_parameter(node, target, "goal_error", 0.0, DISCOVERY)
+    if not args.json:
+        print(f"explored by {len(told['actions'])} pushes: {told['stopped_because']}", flush=True)
+    return {"explored": len(told["actions"]), "explored_until": told["stopped_because"]}
 
 
 def ask(node: Any, goal: Any, namespace: str = "", quiet: bool = True) -> dict[str, Any]:

@@ -77,7 +77,7 @@ VERBS: dict[str, Verb] = {
     "push": Verb(
         "push",
         "push an object to a pose, or along a straight line",
-        ("push --goal 0.5 0.1 0", "push --from 0.5 -0.2 --to 0.5 0.1 --speed 0.05"),
+        ("push --goal 0.5 0.1 0 --explore 0.003", "push --from 0.5 -0.2 --to 0.5 0.1 --speed 0.05"),
     ),
     "explore": Verb(
         "explore",

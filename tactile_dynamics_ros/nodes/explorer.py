@@ -6,6 +6,7 @@ import json
 import time
 from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -24,7 +25,9 @@ from tactile_dynamics_ros.core.planar.actions.information import (
     PredictedObject,
     SensingConfig,
 )
+from tactile_dynamics_ros.core.planar.actions.pair import PairExplorer, next_push
 from tactile_dynamics_ros.core.planar.actions.straight import drawing_back, freeing
+from tactile_dynamics_ros.core.planar.control.foresight import Task, next_for
 from tactile_dynamics_ros.core.planar.control.performance import (
     Guard,
     GuardConfig,
@@ -84,8 +87,7 @@ class Run:
     """A call of the service that is being answered.
 
     Attributes:
-        answer: where it is awaited. explorers: that choose, one of each part. part: whose turn
-            it is. idle: parts of which nothing more is to be done, and why.
+        answer: where it is awaited. explorer: that chooses. part: that is pushed, 0 or 1.
         actions: done, as told in the end. rivals: of the last action, as JSON.
         choosing: while that runs. choice: made. performance: while it is carried out.
         fits: estimates before the last push. since: monotonic s, when it ended.
@@ -94,12 +96,11 @@ class Run:
     """
 
     answer: RosFuture
-    explorers: list[Explorer]
+    explorer: Explorer | PairExplorer
     part: int = 0
-    idle: dict[int, str] = field(default_factory=dict)
     actions: list[dict[str, object]] = field(default_factory=list)
     rivals: str = "[]"
-    choosing: Future[tuple[Explorer, Choice | str]] | None = None
+    choosing: Future[tuple[Explorer | PairExplorer, Choice | str]] | None = None
     performance: Performance | None = None
     fits: int = 0
     since: float = -np.inf
@@ -107,21 +108,9 @@ class Run:
     stopped: int = 0
 
     @property
-    def explorer(self) -> Explorer:
-        """Of the part whose turn it is."""
-        return self.explorers[self.part]
-
-    @property
     def waits(self) -> bool:
         """Whether the next push is chosen by the estimate from the last one."""
         return not isinstance(self.explorer, DirectionExplorer)
-
-    def pass_on(self) -> bool:
-        """Give the turn to the part that was pushed least; return whether there is any."""
-        left = [k for k in range(len(self.explorers)) if k not in self.idle]
-        if left:
-            self.part = min(left, key=lambda k: self.explorers[k].count)
-        return bool(left)
 
 
 class ExplorerNode(Shell):
@@ -131,7 +120,9 @@ class ExplorerNode(Shell):
 
     def __init__(self) -> None:
         super().__init__("explorer")
-        self.config = declare_config(self, ExploreConfig)
+        self.config = declare_config(
+            self, ExploreConfig, live=["goal", "goal_error"], on_change=self._ask_otherwise
+        )
         self.sensing = declare_config(self, SensingConfig, "sensing.")
         self.way = declare_config(self, WayConfig, "way.")
         self.guard = declare_config(self, GuardConfig)
@@ -145,8 +136,8 @@ class ExplorerNode(Shell):
         self._width: float | None = None
         self._progress = self.latched(DiagnosticStatus, EXPLORE_PROGRESS)
         self.stop = EmergencyStop(self, lambda why: self._finish(why, False))
-        self.create_service(Trigger, EXPLORE, self._explore, qos_profile=REQUESTS)
-        self.create_service(Trigger, EXPLORE_CHANGE, self._change, qos_profile=REQUESTS)
+        for name, kind in ((EXPLORE, Explorer), (EXPLORE_CHANGE, DirectionExplorer)):
+            self.create_service(Trigger, name, partial(self._answer, kind), qos_profile=REQUESTS)
         self.action = Action(
             self,
             "Explore",
@@ -162,15 +153,10 @@ class ExplorerNode(Shell):
         self.action.close()
         super().destroy_node()
 
-    async def _explore(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Explore; the answer comes when it is known, or why not."""
-        return await self._answer(Explorer, response)
-
-    async def _change(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Push in different directions, after something has changed; estimates are not awaited."""
-        return await self._answer(DirectionExplorer, response)
-
-    async def _answer(self, kind: type[Explorer], response: Trigger.Response) -> Trigger.Response:
+    async def _answer(
+        self, kind: type[Explorer], _: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
+        """Explore, or push in directions that differ; the answer comes at the end, or why not."""
         try:
             response.success, response.message = await self._start(kind)
         except TactileDynamicsError as error:
@@ -182,19 +168,21 @@ class ExplorerNode(Shell):
         self.stop.require_released()
         if self._run is not None:
             raise NotIdentifiableError("it is already exploring")
-        self._run = Run(RosFuture(), self._explorers(kind), performance=self._freeing())
+        self._run = Run(RosFuture(), self._chooser(kind), performance=self._freeing())
         self._heard = time.monotonic()
         return self._run.answer
 
-    def _explorers(self, kind: type[Explorer]) -> list[Explorer]:
-        """One for each part; those of two parts only push, as how they hold together is unknown."""
-        outlines = [self.scene.first_part().outline]
+    def _chooser(self, kind: type[Explorer]) -> Explorer | PairExplorer:
+        """Two parts are only pushed, as a grip may hold them together."""
+        first = self.scene.first_part().outline
         if self._pair is None:
-            return [self._explorer(kind, outlines[0], self.config)]
-        if kind is Explorer:
-            outlines.append(self.scene.of_second()[1])
-        pushing = replace(self.config, manners=("push",))
-        return [self._explorer(kind, outline, pushing) for outline in outlines]
+            return self._explorer(kind, first, self.config)
+        manners = tuple(each for each in self.config.manners if each in ("push", "stop"))
+        pushing = replace(self.config, manners=manners or ("push",))
+        if kind is not Explorer:
+            return self._explorer(kind, first, pushing)
+        outlines = first, self.scene.of_second()[1]
+        return PairExplorer([self._explorer(kind, each, pushing) for each in outlines])
 
     def _explorer(self, kind: type[Explorer], outline: Array, chosen: ExploreConfig) -> Explorer:
         config = self.scene.config
@@ -215,10 +203,12 @@ class ExplorerNode(Shell):
         second = self.scene.second_outline()
         return self.scene.seen(), [] if second is None else [second]
 
-    def _belief(self, run: Run) -> Belief:
-        """What is known of the part whose turn it is."""
-        told = None if self._pair is None else self._pair.values(run.part)
-        return self.scene.belief(run.explorer.thing.outline, told)
+    def _beliefs(self) -> list[Belief]:
+        """What is known of each of two parts."""
+        assert self._pair is not None
+        outlines = self.scene.first_part().outline, self.scene.of_second()[1]
+        values = self._pair.values
+        return [self.scene.belief(convex_hull(o), values(k)) for k, o in enumerate(outlines)]
 
     def _freeing(self) -> Performance | None:
         """Let go first of what a pull still holds that was stopped; None where jaws are closed."""
@@ -254,11 +244,7 @@ class ExplorerNode(Shell):
         if not goes_on or run.stopped > _STOPPED:
             self._finish(performance.why, False)
             return
-        for explorer in run.explorers:
-            if performance.pressed:
-                explorer.soften()
-            else:
-                explorer.avoid()
+        (run.explorer.soften if performance.pressed else run.explorer.avoid)()
         run.performance = self._drawing_back(run)
         gently = "at half the speed, " if performance.pressed else ""
         self._tell("stopped", f"{performance.why}: the next pushes go {gently}elsewhere")
@@ -325,27 +311,44 @@ class ExplorerNode(Shell):
         return late
 
     def _choose(self, run: Run) -> None:
-        """Begin to choose for the part that was pushed least; end where none is left to push."""
-        if len(run.explorers) > 1 and len(run.actions) >= self.config.budget:
-            self._finish(f"{len(run.actions)} pushes were made", True)
-            return
-        if not run.pass_on():
-            self._finish("; ".join(dict.fromkeys(run.idle.values())), True)
-            return
-        seen, others = self._view(run.part)
-        run.choosing = self._background.submit(
-            next_choice, run.explorer, self._belief(run), seen.pose, others
-        )
+        """Begin to choose."""
+        if isinstance(run.explorer, PairExplorer):
+            assert self._pair is not None
+            poses = np.stack([self._view(part)[0].pose for part in (0, 1)])
+            run.choosing = self._background.submit(
+                next_push, run.explorer, self._pair.found, self._beliefs(), poses
+            )
+        else:
+            seen, others = self._view(0)
+            asked = run.explorer, self.scene.belief(run.explorer.thing.outline), seen.pose, others
+            if self.config.goal_error and run.waits:
+                run.choosing = self._background.submit(next_for, self._task(), *asked)
+            else:
+                run.choosing = self._background.submit(next_choice, *asked)
         self._tell("choosing", "simulating pushes")
 
-    def _begin(self, run: Run, choosing: Future[tuple[Explorer, Choice | str]]) -> None:
+    def _task(self) -> Task:
+        """What the object is explored for."""
+        x, y, turn = self.config.goal
+        goal, scene = np.array([x, y, np.deg2rad(turn)]), self.scene
+        error, tip = self.config.goal_error, scene.seen().tip
+        return Task(goal, scene.first_part(), scene.config.bounds, tip, error, way=self.way)
+
+    def _ask_otherwise(self, config: ExploreConfig) -> str:
+        """Explore for another goal, or for none, from the next choice on."""
+        self.config = config
+        return "counts from the next push on that is chosen"
+
+    def _begin(
+        self, run: Run, choosing: Future[tuple[Explorer | PairExplorer, Choice | str]]
+    ) -> None:
         run.choosing = None
         try:
-            run.explorers[run.part], choice = choosing.result()
+            run.explorer, choice = choosing.result()
             if isinstance(choice, str):
-                run.idle[run.part] = choice
-                self._choose(run)
+                self._finish(choice, True)
                 return
+            run.part = choice.part
             seen, _ = self._view(run.part)
             radius = self.scene.config.tip_radius
             action = action_of(choice.candidate, seen, self.way, self.scene.support, radius, GAP)
@@ -354,7 +357,7 @@ class ExplorerNode(Shell):
             return
         run.fits, run.performance = self.scene.fits, Performance(action, Guard(self.guard))
         run.touched = False
-        run.actions.append(choice.to_json(seen.pose) | {"part": run.part + 1})
+        run.actions.append(choice.to_json(seen.pose))
         run.rivals = json.dumps(choice.rivals_json(seen.pose))
         self._tell("pushing", choice.because)
 

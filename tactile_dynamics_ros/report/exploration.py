@@ -126,20 +126,19 @@ def _actions(story: dict[str, Any]) -> Section:
             *[f"link_{a.get('part', 1)}"] * several,
             f"{a['point'][0]:.3f}, {a['point'][1]:.3f}",
             f"{a['speed']:g}",
-            f"{np.exp(a['expected_gain']):.2g}-fold",
             "; ".join(a[key] for key in REMARKS if key in a),
         ]
         for k, a in enumerate(actions, 1)
     ]
     figure = _map(story, (-np.inf, story["goal_from"] or np.inf), actions)
-    caption = "Arrows are pushes, numbered. By how much the uncertainty shrinks is expected before."
+    caption = "Arrows are pushes, numbered."
     if several:
         caption += " Blue: link_1 and pushes on it; green: link_2."
     return Section(
         "Pushes that were chosen",
         [f"{_explored(story['explored'])}."],
         [Picture("actions", figure, "outlines and pushes", caption)],
-        ["push", *["on"] * several, "at, m", "m/s", "uncertainty shrinks", "why"],
+        ["push", *["on"] * several, "at, m", "m/s", "what it is to tell"],
         rows,
     )
 

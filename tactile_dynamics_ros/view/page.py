@@ -288,14 +288,14 @@ class LivePage:
         self._replace(f"{part}/footprint", outline, add, sides, _BLUE, thickness=0.002)
 
     def _show_pushes(self, state: State) -> None:
-        """Arrows of the push that is made and of its rivals, with how each shrinks uncertainty."""
+        """Arrows of the push that is made and of its rivals; the plan says what it is to tell."""
         names = set()
         for k, push in enumerate(state.pushes):
             name = f"/pushes/{k}"
-            names |= {name, f"{name}/gain"}
+            names.add(name)
             self._show_push(name, push)
         gone = {key for key in self._drawn if key.startswith("/pushes/")} - names
-        for name in sorted(gone, key=len, reverse=True):  # a node takes those below it along
+        for name in gone:
             self._drawn.pop(name).remove()
 
     def _show_push(self, name: str, push: Push) -> None:
@@ -313,9 +313,6 @@ class LivePage:
             head_length=5.0 * thickness,
         )
         arrow.points = line
-        if push.gain is not None:
-            label = self._once(f"{name}/gain", self.server.scene.add_label, "")
-            label.text, label.position = f"{np.exp(push.gain):.2g}-fold", back
 
     def _show_force(self, name: str, force: Force) -> None:
         """An arrow whose head ends in the ellipsoid of one standard deviation of the force."""

@@ -73,14 +73,12 @@ class Push:
         point: (2,) m, where it begins on the outline, support.
         direction: (2,) unit vector.
         length: m.
-        gain: expected information, nats; None if unknown.
         chosen: whether it is the one that is made, and not a rival.
     """
 
     point: Array
     direction: Array
     length: float
-    gain: float | None = None
     chosen: bool = True
 
 
@@ -295,6 +293,5 @@ def _push(values: Mapping[str, Any], chosen: bool) -> Push:
         np.array(json.loads(told) if isinstance(told, str) else told, dtype=float)
         for told in (values["point"], values["direction"])
     )
-    gain = values.get("expected_gain")
     length = float(values.get("length", 0.06))
-    return Push(point, direction, length, None if gain is None else float(gain), chosen)
+    return Push(point, direction, length, chosen)

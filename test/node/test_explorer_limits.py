@@ -91,6 +91,15 @@ def test_an_object_that_is_blocked_is_given_up_with_what_was_done(bench):
     assert "more than 25 N" in told["stopped_because"]
 
 
+def test_nothing_is_pushed_where_the_goal_needs_nothing_more(bench):
+    goal = [f for p in ("goal:=[0.47,0.09,0.0]", "goal_error:=0.05") for f in ("-p", p)]
+    table = Table(bench, explorer.ExplorerNode, *FEW, *goal)
+    success, told = explored(table)
+    assert success, told
+    assert told["actions"] == []
+    assert told["stopped_because"].startswith("the goal needs no more")
+
+
 class ShortTable(Table):
     """An arm that cannot come down where the first push begins."""
 

@@ -260,3 +260,24 @@ def test_two_parts_that_turn_about_where_they_meet_are_pushed_as_on_a_joint(pair
     pair.ask()
     pair.until(lambda: pair.said("pushing"), 400)
     assert "two parts on a joint" in status_values(pair.said("pushing")[-1])["object"]
+
+
+def test_of_two_parts_the_explorer_first_pushes_where_a_joint_would_turn(bench):
+    few = ("places:=3", "speeds:=[0.2]", "length:=0.03")
+    table = Table(bench, explorer.ExplorerNode, *(word for p in few for word in ("-p", p)))
+    table.outline()
+    beside = np.array([[-0.03, -0.03], [0.03, -0.03], [0.03, 0.03], [-0.03, 0.03]])
+    message = outline_message(beside, "object/link_2")
+    bench.send(link_topic("link_2", "footprint"), message, profile=LATCHED)
+    for _ in range(30):
+        tell_second(table, 0.0, (-0.03, 0.0))
+    table.until(lambda: table.node._pair is not None, 50)
+    service = next(s for s in table.node.services if s.srv_name == EXPLORE)
+    service.callback(Trigger.Request(), Trigger.Response()).send(None)
+    for _ in range(2000):
+        tell_second(table, 0.0, (-0.03, 0.0))
+        if table.node._run.actions:
+            break
+    (action,) = table.node._run.actions
+    assert "tells whether the parts are one body" in action["chosen_because"]
+    assert action["part"] == table.node._run.part + 1

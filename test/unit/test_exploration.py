@@ -110,7 +110,7 @@ def test_it_ends_when_pushes_no_longer_narrow_what_is_wanted(belief):
     said = [explorer.choose(stuck, POSE) for _ in range(5)]
     assert all(isinstance(word, Choice) for word in said[:4])
     assert "hardly narrowed" in said[4]
-    assert "ln_mass" in said[4]
+    assert said[4].endswith(": mass")
 
 
 def test_it_ends_when_the_budget_is_spent_and_names_what_is_wide(belief):
@@ -118,7 +118,7 @@ def test_it_ends_when_the_budget_is_spent_and_names_what_is_wide(belief):
     explorer.count = 2
     said = explorer.choose(belief, POSE)
     assert said.startswith("2 pushes were made")
-    assert "com_x" in said
+    assert said.endswith("force, mass, centre")
 
 
 def test_pushes_stay_where_the_arm_may_be(belief):
@@ -146,6 +146,6 @@ def test_after_too_much_force_pushes_are_half_as_fast_and_begin_elsewhere(belief
     for _ in range(10):
         explorer.soften()
     assert explorer.config.acceleration == 0.1  # the limits of the configuration hold
-    around = explorer._around(POSE, ())
-    explorer._bad = [candidate.point for candidate in explorer._pushes(around)]
-    assert explorer._pushes(around)  # where no other place is left
+    around = explorer.around(POSE, ())
+    explorer._bad = [candidate.point for candidate in explorer.pushes(around)]
+    assert explorer.pushes(around)  # where no other place is left

@@ -29,7 +29,7 @@ def told():
         "direction": [1.0, 0.0],
         "speed": 0.2,
         "expected_gain": 9.5,
-        "chosen_because": "it narrows com_y most, 3.0 times, of all that fit",
+        "chosen_because": "push it: tells its centre of mass",
     }
     link = {
         "friction_force_n": {"value": 2.1, "std": 0.1},
@@ -78,7 +78,13 @@ def test_estimates_stand_beside_the_truth_with_what_is_undetermined(told):
 
 def test_the_page_tells_pushes_estimates_and_the_way(told, tmp_path):
     page = write_exploration(told, tmp_path).read_text()
-    for words in ("narrows com_y most", "support_tilt", "near enough", "1.2 mm", "undetermined"):
+    for words in (
+        "tells its centre of mass",
+        "support_tilt",
+        "near enough",
+        "1.2 mm",
+        "undetermined",
+    ):
         assert words in page
     assert {file.stem for file in tmp_path.glob("*.png")} == {"actions", "estimates", "goal"}
 
@@ -140,7 +146,8 @@ def test_the_picture_shows_pushes_on_both_parts_with_their_numbers_inside_the_ax
         ({"error": 5.17}, "does not fit these pushes (error 5.17 times the noise)"),
         ({"refused": "slides too little"}, "no fit to all pushes: slides too little"),
         ({"links": []}, "there is no estimate"),
-        ({"structure": "undecided", "error": 0.8}, "move as one body"),
+        ({"structure": "undecided", "error": 0.8}, "moved as one body"),
+        ({"structure": "rigid", "error": 0.8}, "take them apart and push or lift each"),
     ],
 )
 def test_it_says_in_plain_words_why_nothing_is_known(told, told_of, words):
@@ -162,7 +169,7 @@ def test_a_push_that_was_stopped_says_so(told, tmp_path):
 
 def test_what_was_explored_is_told_in_lines(told):
     lines = describe(told["explored"]).splitlines()
-    assert lines[0].startswith("1. push at (0.450, 0.000) m")
+    assert lines[0].startswith("1. push it: tells its centre of mass; at (0.450, 0.000) m")
     assert "mass: 0.7 ± 0.05 (undetermined)" in lines
     assert lines[-1] == "stopped: all parameters are known to the wanted width"
 

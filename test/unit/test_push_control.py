@@ -7,7 +7,11 @@ import pytest
 
 from benchmarks.peers.centring import CentringPusher
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.planar.actions.affordances import ExploreConfig
+from tactile_dynamics_ros.core.planar.actions.exploration import Choice, Explorer
+from tactile_dynamics_ros.core.planar.actions.information import Belief, PredictedObject
 from tactile_dynamics_ros.core.planar.control.controller import ControlConfig, PushController
+from tactile_dynamics_ros.core.planar.control.foresight import Task, next_for
 from tactile_dynamics_ros.core.planar.control.performance import Clock, Guard, GuardConfig, Seen
 from tactile_dynamics_ros.core.planar.control.plan import Bounds, Push, PushPlanner
 from tactile_dynamics_ros.core.planar.control.prediction import PushedBody, pushed
@@ -245,3 +249,17 @@ def test_no_push_is_planned_where_the_tip_would_come_down_on_another_part():
         pose = np.array([0.5, 0.0, turn])
         push = planner.plan(pose)
         assert body.crowded(push.start[None], pose[None])[0] == pytest.approx(0.0, abs=1e-4)
+
+
+def test_exploring_ends_where_pushes_to_the_goal_would_end_near_enough_without_it():
+    known = Belief(np.array([-1.0, 0.0, 0.0, 0.0]), np.diag([0.5, 0.5, 4e-3, 4e-3]) ** 2)
+    task = Task(GOAL, body((0.0, 0.0)), BOUNDS, np.array([0.4, -0.2, 0.3, 0.0]), 0.01)
+    explorer = Explorer(PredictedObject(BOX, points=16), ExploreConfig(places=3, speeds=(0.2,)))
+    pose = np.array([0.45, 0.08, 0.1])
+    _, said = next_for(task, explorer, known, pose)
+    assert said.startswith("the goal needs no more: with the centre of mass known to 5.7 mm")
+    errors = list(task.errors(known, pose))
+    assert len(set(errors)) == 4
+    assert f"within {1e3 * max(errors):.1f} mm" in said
+    _, choice = next_for(replace(task, largest=0.5 * max(errors)), explorer, known, pose)
+    assert isinstance(choice, Choice)

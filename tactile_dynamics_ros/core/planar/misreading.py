@@ -172,10 +172,12 @@ READINGS = (
 def check_reading(streams: PushedStreams) -> None:
     """Check that the numbers are those of a tip that presses against a thing on a table.
 
+    Without forces nothing presses, and nothing is checked.
+
     Raises:
         BadInputError: they are in another reading only, which is named.
     """
-    found = misread(streams)
+    found = misread(streams) if streams.feels else None
     if found is not None:
         raise BadInputError(
             f"signs, units or axes: {found.change}; read it so with --assume {found.name}"

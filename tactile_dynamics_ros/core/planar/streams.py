@@ -131,6 +131,11 @@ class PushedStreams:
     pusher_yaw: Array | None = None
     session_starts: tuple[float, ...] = ()
 
+    @property
+    def feels(self) -> bool:
+        """Whether any force was measured; else only paths of what pushes are known."""
+        return any(len(contact.time) for contact in self.contacts.values())
+
     def between(self, start: float, stop: float) -> PushedStreams:
         """What was measured of links and contacts from start to stop, s."""
         links = tuple(link.between(start, stop) for link in self.links)

@@ -15,7 +15,9 @@ from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.planar.joining import join_pushes
 from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, PushedStreams
+from tactile_dynamics_ros.core.planar.tip import contact_of_tip
 from tactile_dynamics_ros.core.rigid_body.rotation import quaternion_to_matrix
+from tactile_dynamics_ros.core.streams.streams import PoseStream
 from tactile_dynamics_ros.recording import topics
 from tactile_dynamics_ros.recording.assembly import assemble_contact, assemble_pose
 from tactile_dynamics_ros.recording.bag_files import (
@@ -233,21 +235,26 @@ class _Assembly:
     def recording(self) -> PushedRecording:
         """Return the recording with everything on the support."""
         links = tuple(self._link(k) for k in range(self._links))
-        time, yaw = self._pusher()
+        contacts, pusher = self._contacts(), self._pusher()
+        time = yaw = None
+        if pusher is not None:
+            time, turn = pusher.time, self._support.R_WS.T @ pusher.rotation
+            yaw = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
+            if not contacts:
+                place = (pusher.position - self._support.place) @ self._support.R_WS
+                contacts = {"pusher": contact_of_tip(links[0], time, place)}
         streams = PushedStreams(
-            links, self._contacts(), self._support.gravity, pusher_time=time, pusher_yaw=yaw
+            links, contacts, self._support.gravity, pusher_time=time, pusher_yaw=yaw
         )
         return PushedRecording(streams, self._source, dict(self._log), self._clock.epoch_ns)
 
-    def _pusher(self) -> tuple[Array, Array] | tuple[None, None]:
-        """Return times and yaw of the pusher's axes on the support, or nothing."""
+    def _pusher(self) -> PoseStream | None:
+        """Return the poses of the pusher, or nothing."""
         table = self._world(names.PUSHER_POSE)
         if table is None:
-            return None, None
+            return None
         columns = topics.pose_columns(names.PUSHER_POSE, table, self._clock)
-        pose = assemble_pose(columns, self._log, planar=True)
-        turn = self._support.R_WS.T @ pose.rotation
-        return pose.time, np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
+        return assemble_pose(columns, self._log, planar=True)
 
     def _link(self, k: int) -> LinkStream:
         topic = names.link_topic(k, "pose")

@@ -47,9 +47,9 @@ def links_of(names: Iterable[str]) -> int:
 
 
 def suffice(names: Iterable[str]) -> bool:
-    """Whether topics hold the motion of an object, its outline and a contact."""
+    """Whether topics hold the motion of an object, its outline and a contact or a pusher."""
     known = set(names)
-    contact = any(topics.CONTACT_TOPIC.match(name) for name in known)
+    contact = any(topics.CONTACT_TOPIC.match(name) for name in known) or PUSHER_POSE in known
     return contact and {link_topic(0, "pose"), link_topic(0, "footprint")} <= known
 
 

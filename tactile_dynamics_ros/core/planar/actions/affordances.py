@@ -71,6 +71,16 @@ class ExploreConfig:
     patience: float = parameter(
         60.0, "real time for the estimate of a push; then the next is chosen", "s", 1.0, 3600.0
     )
+    goal: tuple[float, ...] = parameter(
+        (0.5, 0.0, 0.0), "x, y (m), yaw (deg) for which it is explored, with goal_error; live"
+    )
+    goal_error: float = parameter(
+        0.0,
+        "at the goal that is small enough, angles at 8 cm; 0: no goal counts; live",
+        "m",
+        0,
+        0.5,
+    )
     seed: int = parameter(0, "of chance", "", 0)
 
     def __post_init__(self) -> None:
@@ -82,6 +92,8 @@ class ExploreConfig:
         unknown = [name for name in self.manners if name not in MANNERS]
         if unknown or not self.manners:
             raise BadInputError(f"manners {list(self.manners)}: expected {', '.join(MANNERS)}")
+        if len(self.goal) != 3 or not np.all(np.isfinite(self.goal)):
+            raise BadInputError(f"goal {list(self.goal)}: expected x, y (m) and yaw (deg)")
         if len(self.inside_low) != 2 or len(self.inside_high) != 2:
             raise BadInputError(
                 f"inside_low {self.inside_low}, inside_high {self.inside_high}: expected x, y each"

@@ -14,12 +14,12 @@ Array = NDArray[np.float64]
 MANNERS = ("push", "stop", "pull", "shake")
 """A push, a faster one with a hard stop, a pull, a pull that is shaken along its way."""
 WORDS = {
-    "push": "a push",
-    "stop": "a push with a hard stop",
-    "pull": "a pull",
-    "shake": "a pull with a shake",
+    "push": "push it",
+    "stop": "push it and stop hard",
+    "pull": "pull it",
+    "shake": "shake it while pulling",
 }
-"""The manners in the words of sentences."""
+"""The manners as what is to be done."""
 _REST = {"push": 0.1, "stop": 0.4, "pull": 0.1, "shake": 0.1}
 """s that are looked at after the way: what a hard stop lets slide on at 0.3 m/s comes to rest
 within 0.3 s where friction is above 0.1; everything else rests with the tip."""

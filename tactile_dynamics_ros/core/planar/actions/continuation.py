@@ -10,9 +10,9 @@ from scipy.ndimage import uniform_filter1d
 
 from tactile_dynamics_ros.core.planar.actions.candidate import Candidate, path_of
 from tactile_dynamics_ros.core.planar.actions.information import (
+    STIFFNESS,
     Belief,
     PredictedObject,
-    believed,
 )
 from tactile_dynamics_ros.core.planar.mechanics.linkage import placed, turned
 from tactile_dynamics_ros.core.planar.mechanics.pusher import Tip
@@ -23,9 +23,6 @@ Array = NDArray[np.float64]
 
 _STEP = 2e-3
 """s of the simulation: an impact of a stiff tip takes ten of them."""
-_STIFFNESS = 1e4
-"""N/m of tip and arm, as usual arms have; twice as much changes what is reported of the mass by 5
-%."""
 _PAUSE = 1.0
 """s between the recording and the push: they are two sessions for the estimator."""
 _TOUCH = 1e-3
@@ -55,9 +52,9 @@ def continued(
         thing.outline,
         np.full(1, thing.push_height),
         np.full(1, thing.tip_friction),
-        stiffness=np.full(1, _STIFFNESS),
+        stiffness=np.full(1, STIFFNESS),
     )
-    body = believed(thing, belief.mean[None], np.full(1, thing.com_height))
+    body = thing.linkage(belief.mean[None], np.full(1, thing.com_height))
     motion = simulate(body, tip, np.zeros((1, 1, 3)), path_of(push, _STEP)[None], config)
     link, (name, contact) = streams.links[0], next(iter(streams.contacts.items()))
     start, last = float(link.time[-1]) + _PAUSE, link.pose[-1]

@@ -49,16 +49,18 @@ class DirectionExplorer(Explorer):
         if reason:
             return reason
         slow = min(self.config.speeds)
-        fitting = [c for c in self._pushes(self._around(pose, others)) if c.speed == slow]
+        fitting = [c for c in self.pushes(self.around(pose, others)) if c.speed == slow]
         if not fitting:
             return "no push keeps tip and object where the arm may be"
         headings = np.array([_heading(c, pose) for c in fitting])
         k = self._most_different(fitting, headings)
-        self.count += 1
-        self._last = fitting[k].point
+        self.note(fitting[k])
         self._headings.append(float(headings[k]))
         degrees = np.rad2deg(headings[k])
-        words = f"towards {degrees:.0f} deg, as different as can be from the pushes before"
+        words = (
+            f"push it towards {degrees:.0f} deg: another way than before tells a force that stays "
+            "from friction"
+        )
         return Choice(fitting[k], 0.0, words, belief)
 
     def _most_different(self, fitting: list[Candidate], headings: Array) -> int:

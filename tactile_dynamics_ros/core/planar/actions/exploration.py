@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,7 +19,6 @@ from tactile_dynamics_ros.core.planar.actions.affordances import (
 from tactile_dynamics_ros.core.planar.actions.candidate import WORDS, Candidate
 from tactile_dynamics_ros.core.planar.actions.grips import is_held
 from tactile_dynamics_ros.core.planar.actions.information import (
-    NAMES,
     Belief,
     PredictedObject,
     SensingConfig,
@@ -30,6 +29,7 @@ from tactile_dynamics_ros.core.planar.actions.information import (
 from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 Others = Sequence[Array]
 
 _STANDS, _LOOKED_BACK = 0.9, 2
@@ -41,6 +41,16 @@ impact falls as much. Nearer to 1 a stop follows a stop, nearer to 0 pushes tell
 _ELSEWHERE = 0.02
 """Distance, m, from a push that met too much force within which none begins: something may be in
 the way of it. Half the least width of objects, so that other places are left."""
+TELLS = {
+    "ln_product": ("the friction force", "force"),
+    "ln_mass": ("mass from friction", "mass"),
+    "com_x": ("where the centre of mass lies", "centre"),
+    "com_y": ("where the centre of mass lies", "centre"),
+    "ln_ratio": ("which part rubs more", "ratio of their friction"),
+    "ln_joint_torque": ("how hard the joint turns", "its friction"),
+}
+"""What a push tells that narrows a number, and the number in words; of parts on a joint with _1 or
+_2 behind its name."""
 _RIVALS = 4
 """Pushes from other places that are reported beside the chosen one, for people: more hide the
 object on a page."""
@@ -52,15 +62,17 @@ class Choice:
 
     Attributes:
         candidate: in the object's frame. gain: expected, nats. because: in words.
-        expected: belief after it.
+        expected: belief after it; None where it is not to narrow numbers.
         rivals: the best pushes from other places, with their gains, nats.
+        part: that is pushed, 0 or 1.
     """
 
     candidate: Candidate
     gain: float
     because: str
-    expected: Belief
+    expected: Belief | None
     rivals: tuple[tuple[Candidate, float], ...] = ()
+    part: int = 0
 
     def to_json(self, pose: Array) -> dict[str, object]:
         """Plain numbers, with point and direction in the world.
@@ -69,7 +81,7 @@ class Choice:
             pose: (3,) of the object before the push.
         """
         told = _plain(self.candidate, self.gain, pose)
-        return {**told, "chosen_because": self.because}
+        return {**told, "chosen_because": self.because, "part": self.part + 1}
 
     def rivals_json(self, pose: Array) -> list[dict[str, object]]:
         """Plain numbers of the rivals, with point and direction in the world.
@@ -94,7 +106,7 @@ def _plain(candidate: Candidate, gain: float, pose: Array) -> dict[str, object]:
     }
 
 
-def _rivals(
+def rivals(
     candidates: list[Candidate], gains: Array, chosen: int
 ) -> tuple[tuple[Candidate, float], ...]:
     """The best push from each other place, the best places first."""
@@ -164,13 +176,18 @@ class Explorer:
         """Begin elsewhere from now on than where the last push or pull began."""
         self._bad += [] if self._last is None else [self._last]
 
+    def note(self, candidate: Candidate) -> None:
+        """Note a push that somebody else chose."""
+        self.count += 1
+        self._last = candidate.point
+
     def reason_to_stop(self, belief: Belief) -> str:
         """Why nothing more is to be done, in words; empty if something is."""
         lacking = self.lacking(belief)
         if not lacking and self.count >= self.config.least:
-            return "all parameters are known to the wanted width"
+            return "all that is asked for is known to the wanted width"
         if self.count >= self.config.budget:
-            return f"{self.count} pushes were made; still wider than wanted: {', '.join(lacking)}"
+            return f"{self.count} pushes were made; still wider than wanted: {lacking}"
         return ""
 
     def _stands(self, belief: Belief) -> bool:
@@ -180,10 +197,9 @@ class Explorer:
         wide = belief.std > self.config.wanted
         return bool(np.all(belief.std[wide] > _STANDS * self._stds[-1 - _LOOKED_BACK][wide]))
 
-    def lacking(self, belief: Belief) -> list[str]:
-        """Names of parameters that are wider than wanted."""
-        wide = belief.std > self.config.wanted
-        return [name for name, is_wide in zip(NAMES, wide, strict=True) if is_wide]
+    def lacking(self, belief: Belief) -> str:
+        """What is wider than wanted, in words."""
+        return in_words(self.thing.names, belief.std > self.config.wanted)
 
     def choose(self, belief: Belief, pose: Array, others: Others = ()) -> Choice | str:
         """Return the next push or pull, or why there is none.
@@ -198,38 +214,38 @@ class Explorer:
             return reason
         self._stds.append(belief.std)
         if self._stands(belief):
-            names = ", ".join(self.lacking(belief))
             return (
-                f"the last {_LOOKED_BACK} pushes hardly narrowed what is wanted narrower: {names}"
+                f"the last {_LOOKED_BACK} pushes hardly narrowed what is wanted narrower: "
+                f"{self.lacking(belief)}"
             )
-        candidates, where = self._possible(belief, self._around(pose, others))
+        candidates, where = self._possible(belief, self.around(pose, others))
         if not candidates:
             return "no push keeps tip and object where the arm may be"
-        found = self._informations(belief, candidates)
+        found = by_kind(
+            candidates, lambda alike: informations(self.thing, belief, alike, self.sensing)
+        )
         wide = belief.std > self.config.wanted
         gains = expected_gain(belief, found, wide if wide.any() else None)
         k = self._chosen(candidates, gains, pose)
         if self.config.chooser == "gain" and gains[k] < self.config.gain and self.count:
-            return f"no push would tell more than {gains[k]:.2g} nats"
-        self.count += 1
-        self._last = candidates[k].point
+            left = self.lacking(belief) or "anything"
+            return f"no push that was simulated would narrow {left} any further"
+        self.note(candidates[k])
         after = updated(belief, found[k])
         words = f"{WORDS[candidates[k].manner]}: {self._words(belief, after)}{where}"
-        return Choice(candidates[k], float(gains[k]), words, after, _rivals(candidates, gains, k))
+        return Choice(candidates[k], float(gains[k]), words, after, rivals(candidates, gains, k))
 
     def _words(self, belief: Belief, after: Belief) -> str:
-        """Say what a push narrows most."""
+        """Say what a push is to tell."""
         if self.config.chooser != "gain":
             return f"chosen {self.config.chooser}ly"
-        wide = belief.std > self.config.wanted
-        ratio = belief.std / after.std
-        k = int(np.where(wide | ~wide.any(), ratio, 0.0).argmax())
-        return f"it narrows {NAMES[k]} most, {ratio[k]:.1f} times, of all that fit"
+        return to_tell(self.thing.names, belief, after, belief.std > self.config.wanted)
 
-    def _around(self, pose: Array, others: Others) -> Surroundings:
+    def around(self, pose: Array, others: Others) -> Surroundings:
+        """What must not be run into from a pose (3,), with others (V, 2) in the object's frame."""
         return Surroundings(pose, tuple(others), self.room, self.tip_radius, self.opening)
 
-    def _pushes(self, around: Surroundings) -> list[Candidate]:
+    def pushes(self, around: Surroundings) -> list[Candidate]:
         """Pushes that keep tip and object in the room and clear of other parts."""
         found = pushes(self.thing.outline, self.config)
         fitting = [candidate for candidate in found if fits(candidate, around)]
@@ -257,23 +273,13 @@ class Explorer:
         config = self.config
         if not config.beyond_border(around.pose[:2]):
             pulled = [] if config.inside == "place" else self._pulls(belief, around)
-            return self._pushes(around) + pulled, ""
+            return self.pushes(around) + pulled, ""
         if not {"pull", "shake"} & set(config.manners):
-            return self._pushes(around), ""
+            return self.pushes(around), ""
         found = [c for c in self._pulls(belief, around) if leads_inside(c, config, around)]
         if found:
             return found, "; near the border objects are pulled"
-        return self._pushes(around), "; no grip pulls it away from the border"
-
-    def _informations(self, belief: Belief, candidates: list[Candidate]) -> Array:
-        """Information (N, 4, 4); those of one manner and speed are simulated together."""
-        found = np.zeros((len(candidates), 4, 4))
-        kinds = [(c.manner, c.speed) for c in candidates]
-        for kind in dict.fromkeys(kinds):
-            chosen = [k for k, each in enumerate(kinds) if each == kind]
-            alike = [candidates[k] for k in chosen]
-            found[chosen] = informations(self.thing, belief, alike, self.sensing)
-        return found
+        return self.pushes(around), "; no grip pulls it away from the border"
 
     def _chosen(self, candidates: list[Candidate], gains: Array, pose: Array) -> int:
         if self.config.chooser == "gain":
@@ -285,6 +291,48 @@ class Explorer:
         off = np.abs((bearing - self._angle + np.pi) % (2.0 * np.pi) - np.pi)
         near = np.flatnonzero(off < off.min() + 1e-6)
         return int(near[self._rng.integers(len(near))])
+
+
+def by_kind(
+    candidates: Sequence[Candidate], simulated: Callable[[list[Candidate]], Array]
+) -> Array:
+    """What is simulated (N, ...) of candidates, together of those of one manner and speed."""
+    kinds = [(c.manner, c.speed) for c in candidates]
+    found: list[Array] = [np.zeros(0)] * len(kinds)
+    for kind in dict.fromkeys(kinds):
+        chosen = [k for k, each in enumerate(kinds) if each == kind]
+        each = simulated([candidates[k] for k in chosen])
+        for k, told in zip(chosen, each, strict=True):
+            found[k] = told
+    return np.array(found)
+
+
+def to_tell(names: Sequence[str], before: Belief, after: Belief, wide: Mask) -> str:
+    """Say which number of those that are wanted narrower a push narrows most.
+
+    By how much is not said: it ranks pushes, and fits to recordings reach a third of it.
+
+    Args:
+        names: (n,) of the numbers.
+        before: belief.
+        after: as is expected.
+        wide: (n,) which are wanted narrower; all if none is.
+    """
+    ratio = before.std / after.std
+    stem, part = _named(names[int(np.where(wide | ~wide.any(), ratio, 0.0).argmax())])
+    return f"tells {TELLS[stem][0]}{part}"
+
+
+def in_words(names: Sequence[str], chosen: Mask) -> str:
+    """Some of the numbers in words, each once."""
+    stems = [_named(name) for name, is_chosen in zip(names, chosen, strict=True) if is_chosen]
+    return ", ".join(dict.fromkeys(f"{TELLS[stem][1]}{part}" for stem, part in stems))
+
+
+def _named(name: str) -> tuple[str, str]:
+    """A name of TELLS, and which part is meant."""
+    stem, _, part = name.rpartition("_")
+    return (stem, f" of part {part}") if part.isdigit() else (name, "")
 
 
 def next_choice(

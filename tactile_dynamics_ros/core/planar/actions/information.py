@@ -23,18 +23,17 @@ Mask = NDArray[np.bool_]
 
 NAMES = ("ln_product", "ln_mass", "com_x", "com_y")
 """Parameters of a belief, in the order of its mean and covariance."""
-_STEPS = np.array([0.02, 0.02, 5e-4, 5e-4])
-"""Steps of the differences: 2 %, 2 %, 0.5 mm. Below a tenth of that regularised friction rounds the
-differences, above five times that they are no longer slopes."""
+_STEP, _COM_STEP = 0.02, 5e-4
+"""Steps of the differences by logarithms and by centres of mass, m. Below a tenth of that
+regularised friction rounds the differences, above five times that they are no longer slopes."""
 _HEIGHT_STEP, _PLACE_STEP = 1e-3, 5e-4
 """m, steps of the differences by height and place of the push: what is uncertain of them; larger
 ones would leave the outline's edge near corners."""
-_VARIANTS = 9
-"""Simulations of each candidate: as believed, four parameters, height and place of the push,
-stiffness of the tip, height of the centre of mass."""
-_STIFFNESS, _STIFFER = 1e4, 0.2
+STIFFNESS, _STIFFER = 1e4, 0.2
 """N/m of the tip in these simulations, half of real ones so that steps of 5 ms follow impacts, and
 the step of its logarithm. If it were known, the ringing after contact would tell the mass."""
+STEPS = StepConfig(step=5e-3, rounds=3)
+"""How these simulations step: the longest with which impacts of a tip of STIFFNESS are followed."""
 _TURNING = 500.0
 """N m/rad of a grip in these simulations, a hundred times real ones: if it were known how far pads
 give way, turns by 5 mrad would tell the centre of mass."""
@@ -76,7 +75,7 @@ class Belief:
     """What is known so far.
 
     Attributes:
-        mean: (4,) as `NAMES`. covariance: (4, 4).
+        mean: (n,) as `PredictedObject.names`. covariance: (n, n).
     """
 
     mean: Array
@@ -84,7 +83,7 @@ class Belief:
 
     @property
     def std(self) -> Array:
-        """(4,) of each parameter alone."""
+        """(n,) of each parameter alone."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     @classmethod
@@ -117,6 +116,30 @@ class PredictedObject:
     points: int = 36
     footprint: Array | None = None
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the n parameters, as a belief has them."""
+        return NAMES
+
+    @property
+    def start(self) -> Array:
+        """(L, 3) poses of the links' frames before the push."""
+        return np.zeros((1, 3))
+
+    @property
+    def patch(self) -> SupportPatch:
+        """What carries the part that is touched."""
+        return SupportPatch(self.outline, self.points)
+
+    def linkage(self, parameters: Array, com_height: Array) -> Linkage:
+        """B such objects.
+
+        Args:
+            parameters: (B, n).
+            com_height: (B,) m.
+        """
+        return Linkage((believed_link(self.patch, parameters, com_height),))
+
 
 def informations(
     thing: PredictedObject,
@@ -124,7 +147,7 @@ def informations(
     candidates: Sequence[Candidate],
     sensing: SensingConfig | None = None,
 ) -> Array:
-    """Fisher information (N, 4, 4) of each candidate about the parameters.
+    """Fisher information (N, n, n) of each candidate about the parameters.
 
     Unknown are also friction of this push and of each place on its way, by which its centre lies
     beside the centre of mass, its height and its place on the outline, the stiffness of the tip
@@ -141,14 +164,18 @@ def informations(
     """
     sensing = sensing or SensingConfig()
     slopes, weights, places = _slopes(thing, belief, candidates, sensing)
-    known = slopes[..., :4]
-    own = slopes[..., [0, 2, 3, 4, 5, 6, 7]]
-    nuisance = np.concatenate([own, slopes[..., :1] * places], axis=2)
-    each = np.full(places.shape[2], sensing.local)
+    count = len(belief.mean)
+    names = np.array(thing.names)
+    products = np.char.startswith(names, "ln_product")
+    centres = np.char.startswith(names, "com")
+    known = slopes[..., :count]
+    lasting = [known[..., products], known[..., centres], slopes[..., count:]]
+    each = [known[..., k, None] * places for k in np.flatnonzero(products)]
+    nuisance = np.concatenate([*lasting, *each], axis=2)
     beside = sensing.variation * float(np.sqrt(SupportPatch(thing.outline).gyration))
-    lasting = [sensing.variation, beside, beside, sensing.height_std, sensing.point_std]
-    lasting += [sensing.stiffness, sensing.com_height_std]
-    unsure = np.array([*lasting, *each])
+    unsure = [sensing.variation] * int(products.sum()) + [beside] * int(centres.sum())
+    unsure += [sensing.height_std, sensing.point_std, sensing.stiffness, sensing.com_height_std]
+    unsure += [sensing.local] * places.shape[2] * int(products.sum())
     prior = np.diag(np.maximum(unsure, 1e-6) ** -2)
     weighted = weights[..., None] * known
     information = known.swapaxes(1, 2) @ weighted
@@ -167,12 +194,12 @@ def expected_gain(belief: Belief, information: Array, which: Mask | None = None)
 
     Args:
         belief: before.
-        information: (N, 4, 4).
-        which: (4,) parameters whose gain is meant, whatever becomes of the others; None: all.
+        information: (N, n, n).
+        which: (n,) parameters whose gain is meant, whatever becomes of the others; None: all.
 
     Source: paper B, Eq. 17 (blank in print), over all steps of a push.
     """
-    chosen = np.flatnonzero(np.ones(4) if which is None else which)
+    chosen = np.flatnonzero(np.ones(len(belief.mean)) if which is None else which)
     own = np.ix_(chosen, chosen)
     after = np.linalg.inv(np.linalg.inv(belief.covariance) + information)[:, own[0], own[1]]
     before = np.linalg.slogdet(belief.covariance[own])[1]
@@ -180,7 +207,7 @@ def expected_gain(belief: Belief, information: Array, which: Mask | None = None)
 
 
 def updated(belief: Belief, information: Array) -> Belief:
-    """What will be known after a push with an information (4, 4)."""
+    """What will be known after a push with an information (n, n)."""
     precision = np.linalg.inv(belief.covariance) + information
     return Belief(belief.mean, np.asarray(np.linalg.inv(precision), dtype=float))
 
@@ -191,40 +218,45 @@ def _slopes(
     candidates: Sequence[Candidate],
     sensing: SensingConfig,
 ) -> tuple[Array, Array, Array]:
-    """Sensitivities (N, M, 8) of M measurements, weights (N, M), places (N, M, K).
+    """Sensitivities (N, M, n + 4) of M measurements, weights (N, M), places (N, M, K).
 
     By the parameters, then by what else is unknown. Places are 1 where the tip is in the
     k-th part of its way, else 0.
     """
     motion = _simulated(thing, belief, candidates)
     count, step = len(candidates), float(motion.time[1])
+    variants = len(belief.mean) + 5
     forces, poses = (
         slice(None, None, max(1, round(1.0 / (rate * step))))
         for rate in (sensing.force_rate_hz, sensing.pose_rate_hz)
     )
-    force, pose = motion.wrench[:, forces, :2], motion.pose[:, poses, 0]
-    base = force[::_VARIANTS]
-    slides = _slides(motion.twist[::_VARIANTS, forces, 0], thing)
+    runs, links = count * variants, motion.pose.shape[2]
+    force = motion.wrench[:, forces, :2]
+    pose = motion.pose[:, poses].reshape(runs, -1, 3 * links)
+    base = force[::variants]
+    slides = _slides(motion.twist[::variants, forces, 0], thing)
     slides = slides & _resolved(candidates[0], motion.time[forces], sensing)[:, None]
     noise = np.where(slides, sensing.force_std, _NO_USE)
     noise = np.broadcast_to(noise, base.shape).reshape(count, -1)
-    std_pose = np.array([sensing.pose_std, sensing.pose_std, sensing.turn_std])
+    std_pose = np.tile([sensing.pose_std, sensing.pose_std, sensing.turn_std], links)
     stds = np.broadcast_to(std_pose, (count, *pose.shape[1:])).reshape(count, -1)
-    runs = count * _VARIANTS
     rows = np.concatenate([force.reshape(runs, -1), pose.reshape(runs, -1)], axis=1)
-    rows = rows.reshape(count, _VARIANTS, -1)
-    steps = np.array([*_STEPS, _HEIGHT_STEP, _PLACE_STEP, _STIFFER, _HEIGHT_STEP])
+    rows = rows.reshape(count, variants, -1)
+    steps = np.array([*_steps(thing), _HEIGHT_STEP, _PLACE_STEP, _STIFFER, _HEIGHT_STEP])
     slopes = (rows[:, 1:] - rows[:, :1]).swapaxes(1, 2) / steps
     weights = np.concatenate([noise, stds], axis=1) ** -2.0
-    way = np.linalg.norm(
-        motion.point[::_VARIANTS, :, :2] - motion.point[::_VARIANTS, :1, :2], axis=2
-    )
+    way = np.linalg.norm(motion.point[::variants, :, :2] - motion.point[::variants, :1, :2], axis=2)
     at = np.concatenate(
-        [np.repeat(way[:, forces], 2, axis=1), np.repeat(way[:, poses], 3, axis=1)], 1
+        [np.repeat(way[:, forces], 2, axis=1), np.repeat(way[:, poses], 3 * links, axis=1)], 1
     )
     parts = np.arange(int(np.ceil(way.max() / sensing.place)))
     inside = np.floor(at[..., None] / sensing.place) == parts
     return slopes, weights, inside.astype(float)
+
+
+def _steps(thing: PredictedObject) -> Array:
+    """Steps (n,) of the differences by the parameters."""
+    return np.where(np.char.startswith(thing.names, "ln_"), _STEP, _COM_STEP)
 
 
 def _resolved(candidate: Candidate, time: Array, sensing: SensingConfig) -> Mask:
@@ -234,32 +266,41 @@ def _resolved(candidate: Candidate, time: Array, sensing: SensingConfig) -> Mask
 
 
 def _simulated(thing: PredictedObject, belief: Belief, candidates: Sequence[Candidate]) -> Motion:
-    """All variants of all candidates, one after the other."""
-    count = len(candidates)
-    variants = np.repeat(belief.mean[None], _VARIANTS, axis=0)
-    variants[1:5] += np.diag(_STEPS)
-    com_height = np.full(_VARIANTS, thing.com_height)
-    com_height[8] += _HEIGHT_STEP
-    config = StepConfig(step=5e-3, rounds=3)
-    paths = np.repeat(np.stack([path_of(c, config.step) for c in candidates]), _VARIANTS, axis=0)
+    """All variants of all candidates, one after the other.
+
+    Each candidate as believed, with each of the n parameters changed, then height and place of the
+    push, stiffness of the tip, height of the centre of mass.
+    """
+    count, size = len(candidates), len(belief.mean)
+    variants = np.repeat(belief.mean[None], size + 5, axis=0)
+    variants[1 : size + 1] += np.diag(_steps(thing))
+    com_height = np.full(size + 5, thing.com_height)
+    com_height[size + 4] += _HEIGHT_STEP
+    paths = paths_of(candidates, size + 5)
     if not candidates[0].grips:
         tangents = np.array([[-c.normal[1], c.normal[0]] for c in candidates])
-        paths[6::_VARIANTS, :, :2] += _PLACE_STEP * tangents[:, None]
-    linkage = believed(thing, np.tile(variants, (count, 1)), np.tile(com_height, count))
-    pusher = _pusher(thing, candidates)
-    return simulate(linkage, pusher, np.zeros((_VARIANTS * count, 1, 3)), paths, config)
+        paths[size + 2 :: size + 5, :, :2] += _PLACE_STEP * tangents[:, None]
+    linkage = thing.linkage(np.tile(variants, (count, 1)), np.tile(com_height, count))
+    pusher = _pusher(thing, candidates, size)
+    start = np.repeat(thing.start[None], len(paths), axis=0)
+    return simulate(linkage, pusher, start, paths, STEPS)
 
 
-def _pusher(thing: PredictedObject, candidates: Sequence[Candidate]) -> Pusher:
+def paths_of(candidates: Sequence[Candidate], variants: int) -> Array:
+    """Poses (variants N, T, 3) of the tip or the grip of each candidate, repeated."""
+    return np.repeat(np.stack([path_of(c, STEPS.step) for c in candidates]), variants, axis=0)
+
+
+def _pusher(thing: PredictedObject, candidates: Sequence[Candidate], size: int) -> Pusher:
     """The tip or the grip of all variants of all candidates."""
-    count, runs = len(candidates), _VARIANTS * len(candidates)
-    heights = np.full(_VARIANTS, thing.push_height)
-    heights[5] += _HEIGHT_STEP
-    stiffness = np.full(_VARIANTS, _STIFFNESS)
-    stiffness[7] *= np.exp(_STIFFER)
+    count, runs = len(candidates), (size + 5) * len(candidates)
+    heights = np.full(size + 5, thing.push_height)
+    heights[size + 1] += _HEIGHT_STEP
+    stiffness = np.full(size + 5, STIFFNESS)
+    stiffness[size + 3] *= np.exp(_STIFFER)
     heights, stiffness = np.tile(heights, count), np.tile(stiffness, count)
     if candidates[0].grips:
-        points = np.repeat(np.stack([c.point for c in candidates]), _VARIANTS, axis=0)
+        points = np.repeat(np.stack([c.point for c in candidates]), size + 5, axis=0)
         return Grip(points, np.zeros(runs), heights, stiffness=stiffness, turning=_TURNING)
     friction = np.full(runs, thing.tip_friction)
     return Tip(thing.outline, heights, friction, stiffness=stiffness)
@@ -272,22 +313,19 @@ def _slides(twist: Array, thing: PredictedObject) -> Mask:
     return np.asarray(speed > _SLIDING)[..., None]
 
 
-def believed(thing: PredictedObject, parameters: Array, com_height: Array) -> Linkage:
-    """Objects with parameters (B, 4) and heights (B,) of the centre of mass, m."""
-    patch = SupportPatch(thing.outline, thing.points)
-    count, mass = len(parameters), np.exp(parameters[:, 1])
-    offset = parameters[:, 2:] - patch.centroid
-    inertia = mass * (patch.gyration + np.sum(offset**2, axis=1))
-    return Linkage(
-        (
-            Link(
-                patch,
-                mass,
-                np.exp(parameters[:, 0]) / mass,
-                parameters[:, 2:],
-                com_height,
-                inertia,
-                np.ones(count),
-            ),
-        )
-    )
+def believed_link(
+    patch: SupportPatch, parameters: Array, com_height: Array, roughness: Array | None = None
+) -> Link:
+    """A part with the inertia of an even plate, in B variants.
+
+    Args:
+        patch: its footprint.
+        parameters: (B, 4 or more), those of `NAMES` first.
+        com_height: (B,) m, of the centre of mass.
+        roughness: (B, n) friction of each point over the part's; None: all alike.
+    """
+    mass, com = np.exp(parameters[:, 1]), parameters[:, 2:4]
+    inertia = mass * (patch.gyration + np.sum((com - patch.centroid) ** 2, axis=1))
+    friction = np.exp(parameters[:, 0]) / mass
+    even = np.ones(len(parameters))
+    return Link(patch, mass, friction, com, com_height, inertia, even, roughness)

@@ -35,7 +35,7 @@ calls fewer pairs rigid."""
 _COEFFICIENT = 0.3
 """Friction coefficient by which masses are guessed from forces; inertia adds to the torque of a
 joint in hard starts only, so that half or double moves the chance of a stuck joint by 0.1."""
-_SEEN = np.radians(0.5)
+SEEN_TURN = np.radians(0.5)
 """Turn of a joint that shows beyond the noise, rad: five standard deviations of means of 0.2 s."""
 _TORQUES = np.geomspace(2e-3, 2.0, 60)
 """Friction torques of joints that are tried, N m, in steps of an eighth."""
@@ -138,7 +138,7 @@ def holding_torque(parts: SeenParts, share: float = 1.0) -> float:
         rate = np.sign(wanted) * np.maximum(np.abs(wanted) - slide, 0.0)
         angle = angle + rate * parts.step
         furthest = np.maximum(furthest, np.abs(angle))
-    turned_far = furthest >= _SEEN
+    turned_far = furthest >= SEEN_TURN
     return float(_TORQUES[turned_far].max()) if turned_far.any() else 0.0
 
 

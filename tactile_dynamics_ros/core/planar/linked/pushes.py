@@ -234,7 +234,7 @@ TIP_FRICTION = 0.2
 named that work with smooth tips too."""
 _SPEED = 0.2
 """m/s at which it is proposed: fast enough for inertia to help, slow enough for arms that push."""
-_ENOUGH = np.radians(10.0)
+ENOUGH_TURN = np.radians(10.0)
 """Turn of the joint for which the way is reported, rad: twice what shares and joint friction
 need."""
 _LOOSER = 0.5
@@ -295,7 +295,7 @@ def telling_push(parts: SeenParts, joint: Array | None = None) -> TellingPush | 
     if not holds.any():
         return None
     best = int(np.argmax(np.where(holds, torque, 0.0)))
-    way = np.clip(_ENOUGH * _SPEED / max(abs(turns.turning[best]), 1e-3), *_WAYS)
+    way = np.clip(ENOUGH_TURN * _SPEED / max(abs(turns.turning[best]), 1e-3), *_WAYS)
     x, y = pushes.way[best]
     return TellingPush(
         part=int(pushes.part[best]),

@@ -19,7 +19,10 @@ from tactile_dynamics_ros.core.planar.properties.balance import NAMES
 from tactile_dynamics_ros.core.planar.properties.intervals import COARSE
 from tactile_dynamics_ros.core.planar.properties.push_model import ASTRAY, USUAL_FRICTION
 from tactile_dynamics_ros.core.planar.sparse import fit_sparse
+from tactile_dynamics_ros.core.planar.sparse.fit import SIZE_STD, fit_pushes
 from tactile_dynamics_ros.core.planar.sparse.prediction import NAMES as SPARSE_NAMES
+from tactile_dynamics_ros.core.planar.sparse.pushes import cut_pushes
+from tactile_dynamics_ros.core.planar.sparse.sliding import friction_from_slides
 from tactile_dynamics_ros.core.planar.streams import PushedStreams
 
 if TYPE_CHECKING:
@@ -42,6 +45,14 @@ tables."""
 _EVEN = 0.03
 """Relative variation of friction up to which nothing is said of it: made tables without any come
 out with as much at most."""
+_SLOW = 0.1
+"""m/s up to which paths alone tell the centre of friction: a stop from it within 0.1 s takes a
+third of what friction of 0.3 does, from 0.2 m/s twice as much, and inertia is not in that model."""
+NO_FORCE = (
+    "no force was measured: poses tell the centre of mass and how friction is spread, free slides "
+    "the friction coefficient; mass, friction force and inertia share a factor that nothing tells"
+)
+"""What is said of a recording of poses alone."""
 _SPARSE_RATE = 5.0
 """Poses per second of touch below which the mechanics are integrated from pose to pose instead of
 following the motion: three poses within a push of half a second."""
@@ -98,6 +109,7 @@ class PushedEstimate:
 
     def to_document(self) -> dict[str, Any]:
         """JSON of the estimate."""
+        names = ["ln_friction_force", "ln_mass", "com_x", "com_y"]
         link: dict[str, Any] = {
             name: {"value": value, "std": std}
             for name, (value, std) in self.values.items()
@@ -113,7 +125,7 @@ class PushedEstimate:
             "joint": None,
             "undetermined": list(self.undetermined),
             "covariance": {
-                "names": ["ln_friction_force", "ln_mass", "com_x", "com_y"],
+                "names": names[-len(self.covariance) :],
                 "matrix": self.covariance.tolist(),
             },
             "effects": self.effects,
@@ -128,9 +140,13 @@ class PushedEstimate:
             fits: whether the model explains the recording; else no push would tell more.
         """
         v = self.values
-        force, std = v["friction_force_n"]
+        force, std = v.get("friction_force_n", (0.0, 0.0))
         said = [f"friction force    {force:.3f} ± {std:.3f} N"]
-        if "mass" in self.undetermined:
+        if "friction_force_n" not in v:
+            said = ["forces            not measured; a common factor of mass and forces is unknown"]
+            if "friction" in v:
+                said.append("friction          {:.3f} ± {:.3f}".format(*v["friction"]))
+        elif "mass" in self.undetermined:
             product = f"mass and friction are known only as a product ({force:.2f} ± {std:.2f} N)"
             said.append(f"{product}: {TELL_MASS}" if fits else product)
         else:
@@ -160,6 +176,11 @@ class PushedEstimate:
             said.append(f"{name}: {', '.join(told)}")
         if self.undetermined:
             said.append(f"undetermined: {', '.join(self.undetermined)}")
+        if "friction_force_n" not in v and "friction" in self.undetermined:
+            said.append(
+                "friction: stop hard from 0.2 m/s or more, so that it slides on by itself; poses "
+                "at 100 Hz tell more than at 30"
+            )
         return said
 
 
@@ -219,6 +240,10 @@ def _of_one(
 ) -> tuple[PushedEstimate, PushFit | None]:
     patch = SupportPatch(np.asarray(streams.links[0].footprint, dtype=float))
     chosen = PUSHED.create_all(effects)
+    if not streams.feels:
+        if chosen:
+            raise NotIdentifiableError("effects change forces, and none was measured")
+        return _of_paths(streams, patch), None
     if _is_sparse(streams):
         if chosen:
             raise NotIdentifiableError(
@@ -311,6 +336,49 @@ def _of_sparse(fit: SparseFit, streams: PushedStreams, patch: SupportPatch) -> P
         values=values,
         undetermined=_undetermined(values, patch.gyration),
         covariance=covariance,
+        error=fit.residual_rms,
+    )
+
+
+def _of_paths(streams: PushedStreams, patch: SupportPatch) -> PushedEstimate:
+    """What poses of object and pusher tell without a force.
+
+    Raises:
+        NotIdentifiableError: no push was slow, or the fit came to no end from any start.
+    """
+    pushes = cut_pushes(streams)
+    slow = np.flatnonzero(pushes.speed < _SLOW)
+    if not len(slow):
+        raise NotIdentifiableError(
+            f"no force was measured and no push was slower than {_SLOW:g} m/s: push slowly for the "
+            "centre of mass, and stop hard from 0.2 m/s or more for the friction coefficient"
+        )
+    fit = fit_pushes(pushes.taken(slow), streams.links[0].footprint)
+    if not fit.settled:
+        raise NotIdentifiableError(
+            "the fit of the paths did not come to an end; check footprint, units and frames"
+        )
+    chosen = [SPARSE_NAMES.index(n) for n in ("com_x", "com_y")]
+    centre, std = fit.values[chosen], fit.std[chosen]
+    radius = float(patch.friction_radius(centre[None] - patch.centroid, np.ones(1))[0])
+    values = {
+        "com_x": (float(centre[0]), float(std[0])),
+        "com_y": (float(centre[1]), float(std[1])),
+        "friction_radius_m": (radius, radius * SIZE_STD),
+    }
+    sliding = friction_from_slides(streams, centre)
+    if sliding.friction is not None:
+        values["friction"] = sliding.friction
+    unknown = ["mass", "friction_force_n", "inertia_zz"]
+    value, spread = values.get("friction", (0.0, 1.0))
+    unknown += ["friction"] * (spread > _UNKNOWN * value)
+    unknown += ["com"] * bool(np.any(std > _UNKNOWN_COM * np.sqrt(patch.gyration)))
+    return PushedEstimate(
+        samples=len(slow),
+        duration=_duration(streams),
+        values=values,
+        undetermined=tuple(unknown),
+        covariance=fit.covariance[np.ix_(chosen, chosen)],
         error=fit.residual_rms,
     )
 

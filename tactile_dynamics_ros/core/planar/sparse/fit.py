@@ -30,7 +30,7 @@ _PRIOR_FRICTION, _PRIOR_LN_FRICTION_STD = 0.35, 0.7
 pressure moves under a push above the support, and the mass that is reported as undetermined."""
 _PRIOR_TIP_FRICTION, _PRIOR_LN_TIP_FRICTION_STD = 0.4, 0.6
 """Friction coefficient between tip and object and its relative std."""
-_PRIOR_LN_SCALE_STD = 0.15
+SIZE_STD = 0.15
 """Relative std of the size of the part of an even face that carries; known feet have 0.02."""
 _PRIOR_LN_PRODUCT_STD = 3.0
 """Relative std of the product before any force is known: it excludes nothing."""
@@ -73,6 +73,7 @@ class SparseFit:
         scatter: (4,) std of the residuals among pushes.
         residual_rms: residuals over the scatter that real tables are expected to have.
         converged: whether two starts at least ended by themselves at the best optimum.
+        settled: whether one did; the covariance counts where the others ended.
         undetermined: what these pushes do not tell, names of the estimate's JSON.
         pushes: the pieces of the recording.
     """
@@ -83,6 +84,7 @@ class SparseFit:
     scatter: Array
     residual_rms: float
     converged: bool
+    settled: bool
     undetermined: tuple[str, ...]
     pushes: Pushes
 
@@ -149,7 +151,7 @@ def fit_pushes(
     prior = _prior(pushes, patch, mass, feet is not None)
     found = [_optimum(model, prior, start) for start in _STARTS]
     best = min(found, key=lambda one: one.cost)
-    covariance = _covariance(best, prior[1]) + _common_variation(model, best)
+    covariance = _covariance(best, prior[1]) + _common_variation(model, best) + _apart(found)
     std = np.sqrt(np.diag(covariance))
     same = [one.settled and np.max(np.abs(one.common - best.common) / std) < _SAME for one in found]
     return SparseFit(
@@ -159,6 +161,7 @@ def fit_pushes(
         scatter=best.scatter,
         residual_rms=float(np.sqrt(np.nanmean(np.square(best.residual / _SCATTER)))),
         converged=bool(best.settled and sum(same) >= 2),
+        settled=best.settled,
         undetermined=_undetermined(std, prior[1], mass is not None),
         pushes=pushes,
     )
@@ -175,7 +178,7 @@ def _prior(
     kilograms, relative = guess if mass is None else (mass[0], mass[1] / mass[0])
     size = np.sqrt(patch.share @ np.square(patch.offset))
     mean = [np.log(product), *patch.centroid, 0.0, np.log(_PRIOR_TIP_FRICTION), np.log(kilograms)]
-    scale = 0.02 if stands_on_feet else _PRIOR_LN_SCALE_STD
+    scale = 0.02 if stands_on_feet else SIZE_STD
     std = [_PRIOR_LN_PRODUCT_STD, *size, scale, _PRIOR_LN_TIP_FRICTION_STD, relative]
     return np.array(mean), np.array(std)
 
@@ -272,6 +275,18 @@ def _covariance(at: _Optimum, prior_std: Array) -> Array:
     ratio = np.sqrt(np.diag(sandwich) / np.diag(covariance))
     wider = np.maximum(1.0, ratio) * student.ppf(0.95, count + _SCATTER_FREEDOM) / _NORMAL_95
     return np.asarray(covariance * np.outer(wider, wider))
+
+
+def _apart(found: list[_Optimum]) -> Array:
+    """Covariance (6, 6) of where the starts ended, each as likely as its posterior is there.
+
+    A fit whose starts end apart stands in a valley with kinks, of which one optimum tells little.
+    """
+    weight = np.exp(-0.5 * np.array([one.cost for one in found]) + 0.5 * min(o.cost for o in found))
+    weight /= weight.sum()
+    place = np.array([one.common for one in found])
+    away = place - weight @ place
+    return np.asarray((weight[:, None] * away).T @ away)
 
 
 def _common_variation(model: Prediction, at: _Optimum) -> Array:
