@@ -150,7 +150,7 @@ def test_noise_that_is_stated_and_does_not_scatter_lasts():
 
 
 def test_variances_do_not_leap_where_the_data_hardly_differ():
-    """As live and offline estimates of one recording do: a tenth of a deviation is no other model."""
+    """As those of a live and an offline estimate do: by a tenth of a deviation."""
     rng = np.random.default_rng(2)
     mixing = rng.normal(size=(40, 61)) * 10.0 ** rng.uniform(-1.0, 2.0, 61)
     white = rng.normal(size=40) + mixing @ rng.normal(0.0, 0.01, 61)

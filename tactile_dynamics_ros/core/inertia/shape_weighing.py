@@ -115,7 +115,7 @@ def _alone(model: FittedModel) -> tuple[Array, Array]:
 
 def _beyond_noise(model: FittedModel) -> Array:
     """Part (10, 10) of a fit's covariance that is not noise: misfit, lasting errors, gains."""
-    to_phi = log_cholesky_jacobian(model.xi)
+    to_phi = model.coordinate_jacobian[:10, :10]
     noise = to_phi @ np.linalg.inv(sum(model.coordinate_information))[:10, :10] @ to_phi.T
     more = model.covariance[:10, :10] - noise
     scale = np.sqrt(np.diag(model.covariance)[:10])
