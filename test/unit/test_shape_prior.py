@@ -10,7 +10,6 @@ import trimesh
 from numpy.testing import assert_allclose
 
 from benchmarks.tools.bodies import filled, judge, mesh_of
-from tactile_dynamics_ros.api.shape_files import read_prior
 from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.shape_prior import (
@@ -27,6 +26,7 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
 )
 from tactile_dynamics_ros.core.shape.object_shape import BoxSurface, MeshSurface, ObjectShape
 from tactile_dynamics_ros.core.shape.solid import Solid
+from tactile_dynamics_ros.recording.shape_files import read_solid
 from tactile_dynamics_ros.synthetic.objects import HeldObject
 from tactile_dynamics_ros.synthetic.recordings import generate, write_bag
 from tactile_dynamics_ros.synthetic.scenario import ScenarioOptions
@@ -180,12 +180,12 @@ def test_a_shape_of_the_command_shape_is_read_in_the_axes_of_its_first_part(tmp_
     parts = [part | {"pose": pose.tolist()}, part | {"pose": beside.tolist()}]
     file = tmp_path / "shape.json"
     file.write_text(json.dumps({"parts": parts}))
-    volume = read_prior(file).solid.volumes[0]
+    volume = ShapePrior(read_solid(file)).solid.volumes[0]
     assert_allclose(volume.points.mean(axis=0), [0.0, 0.0, 0.05], atol=3e-3)
     assert set(volume.part) == {0, 1}
     file.write_text(json.dumps({"parts": [{"semi_axes_m": [1, 2]}]}))
     with pytest.raises(BadInputError, match="expected `parts`"):
-        read_prior(file)
+        ShapePrior(read_solid(file))
 
 
 def test_each_kind_of_file_gives_the_same_box(tmp_path):
@@ -202,7 +202,7 @@ def test_each_kind_of_file_gives_the_same_box(tmp_path):
     (tmp_path / "box.yaml").write_text("shapes: [{box: [0.06, 0.08, 0.12]}]\n")
     even = ShapePrior(Solid.of_shape(ObjectShape([BoxSurface(0.5 * SIZE, np.eye(4))])))
     for name in ("closed.stl", "inward.stl", "open.stl", "cloud.xyz", "cloud.ply", "box.yaml"):
-        field = read_prior(tmp_path / name).fields[-1]
+        field = ShapePrior(read_solid(tmp_path / name)).fields[-1]
         assert_allclose(field.even[:3], even.fields[0].even[:3], atol=0.04, err_msg=name)
 
 

@@ -29,6 +29,7 @@ from tactile_dynamics_ros.core.inertia.live.residuals import denoise_motion
 from tactile_dynamics_ros.core.inertia.live.sample_stream import Layout, SampleStream
 from tactile_dynamics_ros.core.inertia.live.solver import DivergencePrior, SummarySolver
 from tactile_dynamics_ros.core.inertia.residuals.systematic import PresumedErrors, systematic_lever
+from tactile_dynamics_ros.core.inertia.shape_weighing import Seen, beyond_noise
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     dynamic_parameters_from_log_cholesky,
     log_cholesky_jacobian,
@@ -227,6 +228,21 @@ class Accumulation:
         factor = self.information.factor
         target = self.information.target + self.lasting.in_target(errors, factor)
         return self.solver.nearby_optimum(factor, target)
+
+    def seen(self, covariance: Array, errors: Array) -> Seen:
+        """What the data alone say, to be held against other priors of the body.
+
+        Args:
+            covariance: (10, 10) of phi, with all that widens it.
+            errors: (q,) lasting ones that are taken off.
+        """
+        known, factor, phi = self._knowledge(), self.information.factor, self.phi
+        target = self.information.target + self.lasting.in_target(errors, factor)
+        slope = factor.T @ (factor @ phi - target)
+        noise = known.mapping @ np.linalg.inv(known.data + known.prior) @ known.mapping.T
+        beyond = beyond_noise(covariance, noise)
+        data = factor.T @ factor - self.noise_information
+        return Seen.of_sums(phi, data, slope, self._prior, self._unexcited, beyond)
 
     @property
     def covariance(self) -> Array:

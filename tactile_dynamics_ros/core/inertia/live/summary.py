@@ -13,6 +13,7 @@ from tactile_dynamics_ros.core.inertia.batch.uncertainty import undetermined_par
 from tactile_dynamics_ros.core.inertia.live.accumulation import Accumulation
 from tactile_dynamics_ros.core.inertia.live.live_estimate import LiveEstimate
 from tactile_dynamics_ros.core.inertia.live.pipeline import misfit_factor
+from tactile_dynamics_ros.core.inertia.live.shape_watch import ShapeWatch
 from tactile_dynamics_ros.core.inertia.residuals.systematic import (
     PresumedErrors,
     remaining_noise,
@@ -52,9 +53,9 @@ class Summariser:
     _EVERY = 10
     _TURNS = (0, 6)
 
-    def __init__(self, hull: CentreHull | None = None) -> None:
-        """Start without a past; a hull bounds the centre of mass."""
-        self._hull = hull
+    def __init__(self, hull: CentreHull | None = None, shape: ShapeWatch | None = None) -> None:
+        """Start without a past; a hull bounds the centre of mass, a shape the whole body."""
+        self._hull, self._shape = hull, shape
         self._calls = 0
         self._model: Accumulation | None = None
         self._widen = np.ones(0)
@@ -90,7 +91,7 @@ class Summariser:
         covariance = covariance * np.outer(self._widen, self._widen) + lasting_covariance
         recent = replace(model.recent, change=self._load_change(model, covariance[0, 0]))
         covariance += recent.change**2 * np.outer(model.phi, model.phi)
-        return LiveEstimate(
+        found = LiveEstimate(
             inertia=InertialParameters.from_log_cholesky(xi),
             covariance=covariance,
             effects={},
@@ -110,6 +111,7 @@ class Summariser:
             latency=latency,
             recent=recent,
         )
+        return self._shape.hold(found, model, self._presumed.errors) if self._shape else found
 
     @staticmethod
     def _load_change(model: Accumulation, variance: float) -> float:
