@@ -6,6 +6,7 @@ import numpy as np
 
 from tactile_dynamics_ros.api.verbs import diagnose, estimate
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import inertia_vector
 from tactile_dynamics_ros.core.streams.streams import nearest_samples
 from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.view.state import KEPT, Body, Force, Quantity, State
@@ -78,9 +79,9 @@ class Playback:
             self._state.remark, self._state.good = str(error), False
             return
         mass, com = found["mass"], found["com"]
-        self._state.body = Body(
-            Quantity(mass["value"], mass["std"]), np.array(com["value"]), np.array(com["std"])
-        )
+        inertia = [inertia_vector(found["inertia_com"][key]) for key in ("value", "std")]
+        centre = np.array(com["value"]), np.array(com["std"])
+        self._state.body = Body(Quantity(mass["value"], mass["std"]), *centre, *inertia)
         error = self._state.error = found["error"]["whitened_rms"]
         self._state.good = asked.fits
         self._state.remark = f"The model fits: error {error:.2f} times the noise."
