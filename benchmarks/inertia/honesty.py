@@ -127,7 +127,6 @@ class HandRun:
         truth: (10,) in the order of PARAMETER_NAMES.
         live, offline: (2, 10) values and standard deviations, from the motion alone.
         shaped_live, shaped_offline: the same with the object's shape.
-        slowest: s, 99 % of the updates of the live estimate with the shape were quicker.
     """
 
     case: str
@@ -136,7 +135,6 @@ class HandRun:
     offline: np.ndarray
     shaped_live: np.ndarray
     shaped_offline: np.ndarray
-    slowest: float
 
 
 def grade_hand(case: str, streams: Streams, truth: InertialParameters, name: str) -> HandRun:
@@ -154,8 +152,7 @@ def grade_hand(case: str, streams: Streams, truth: InertialParameters, name: str
         fits.append(fits[0])
     found = [watched.update(), fits[0], shaped[-1], fits[1]]
     rows = [np.array([physical(e.inertia), e.parameter_std]) for e in found]
-    slowest = float(np.quantile([e.latency for e in shaped], 0.99))
-    return HandRun(case, physical(truth), *rows, slowest)
+    return HandRun(case, physical(truth), *rows)
 
 
 def run_hand(runs: int, say: Callable[[str], None]) -> dict[str, Any]:
@@ -176,7 +173,7 @@ def run_hand(runs: int, say: Callable[[str], None]) -> dict[str, Any]:
 
 def _hand_row(runs: list[HandRun]) -> dict[str, Any]:
     """Coverage, worst and median errors in standard deviations, and how alike intervals are."""
-    row: dict[str, Any] = {"runs": len(runs), "slowest_ms": 1e3 * max(r.slowest for r in runs)}
+    row: dict[str, Any] = {"runs": len(runs)}
     for kind in ("live", "offline", "shaped_live", "shaped_offline"):
         pairs = [(run.truth, getattr(run, kind)) for run in runs]
         errors = np.abs([(value - truth) / std for truth, (value, std) in pairs])
