@@ -9,23 +9,34 @@ import pytest
 import trimesh
 from numpy.testing import assert_allclose
 
+from benchmarks.support.live_replay import replay_streams
 from benchmarks.tools.bodies import filled, judge, mesh_of
 from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.inertia.estimate import estimate
+from tactile_dynamics_ros.core.inertia.live import IncrementalInertialEstimator
+from tactile_dynamics_ros.core.inertia.live.live_estimate import Level, judge_estimate
 from tactile_dynamics_ros.core.inertia.shape_prior import (
     ShapePrior,
     coordinates,
     point_masses,
 )
-from tactile_dynamics_ros.core.inertia.shape_weighing import Seen, nearest_density, weigh
+from tactile_dynamics_ros.core.inertia.shape_weighing import (
+    Seen,
+    nearest_density,
+    weigh,
+    with_shape,
+)
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     InertialParameters,
     dynamic_parameters_from_log_cholesky,
     is_feasible,
     log_cholesky,
 )
+from tactile_dynamics_ros.core.rigid_body.rotation import pose_of
 from tactile_dynamics_ros.core.shape.object_shape import BoxSurface, MeshSurface, ObjectShape
 from tactile_dynamics_ros.core.shape.solid import Solid
+from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.recording.shape_files import read_solid
 from tactile_dynamics_ros.synthetic.objects import HeldObject
 from tactile_dynamics_ros.synthetic.recordings import generate, write_bag
@@ -214,6 +225,38 @@ def recorded(tmp_path_factory):
     write_bag(made.streams, folder / "run.mcap")
     mesh_of(made.scenario.body).export(folder / "body.stl")
     return folder, made.scenario.body
+
+
+def test_live_and_offline_learn_the_same_of_a_shape(recorded):
+    """A round has ended by the end; without the shape the estimate is as before."""
+    folder, _ = recorded
+    shape = ShapePrior(read_solid(folder / "body.stl"))
+    streams = Recording.from_bag(folder / "run.mcap").streams
+    watched = IncrementalInertialEstimator()
+    watched.set_shape(shape)
+    live = list(replay_streams(streams, watched, 10))[-1]
+    offline, weighed = with_shape(estimate(streams, shape=shape), shape)
+    assert live.shape and live.shape_doubtful is weighed.contradicts
+    alike = np.abs(np.log(live.parameter_std / offline.parameter_std))
+    assert np.median(alike) < np.log(1.2) and alike.max() < np.log(2.0)
+    apart = live.inertia.dynamic_parameters - offline.inertia.dynamic_parameters
+    assert np.all(np.abs(apart) < np.sqrt(np.diag(offline.covariance)))
+    watched.set_shape(None)
+    plain = watched.update()
+    assert plain.shape == "" and np.median((live.parameter_std / plain.parameter_std)[4:]) < 0.9
+
+
+def test_a_live_shape_that_lies_elsewhere_is_said_and_does_not_count(recorded):
+    folder, body = recorded
+    far = read_solid(folder / "body.stl", pose_of([0.3, 0.0, 0.0], [0.0, 0.0, 0.0]))
+    watched = IncrementalInertialEstimator()
+    watched.set_shape(ShapePrior(far))
+    streams = Recording.from_bag(folder / "run.mcap").streams
+    live = list(replay_streams(streams, watched, 10))[-1]
+    verdict = judge_estimate(live, (), "model_check/diagnose")
+    assert "no body inside it moves as measured" in verdict.text
+    assert verdict.level is Level.WARN
+    assert_allclose(live.inertia.com, body.com, atol=2e-3)
 
 
 def test_the_command_prints_what_the_shape_adds(recorded, capsys):
