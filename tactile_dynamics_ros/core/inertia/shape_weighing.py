@@ -217,11 +217,16 @@ class Weighed:
 
     @cached_property
     def covariance(self) -> Array:
-        """(10, 10) of phi, of the mixture."""
+        """(10, 10) of phi, of the mixture, wider where even the best density does not fit.
+
+        By the ratio of its surprise to the nine numbers that it may differ in.
+        Source: Birge 1932.
+        """
         total = np.zeros((10, 10))
         for weight, belief in zip(self.weights, self.beliefs, strict=True):
             apart = belief.xi - self.xi
-            total += weight * (belief.covariance + np.outer(apart, apart))
+            wider = max(1.0, belief.surprise / len(belief.prior.mean))
+            total += weight * (wider * belief.covariance + np.outer(apart, apart))
         to_phi = log_cholesky_jacobian(self.xi)
         return np.asarray(to_phi @ total @ to_phi.T)
 

@@ -64,8 +64,9 @@ class ShapeWatch:
             return replace(estimate, shape=self._refused, shape_doubtful=True)
         if self._weighed is None:
             return estimate
-        said = {"shape": self._weighed.line, "shape_doubtful": self._weighed.contradicts}
-        return replace(estimate, **self._weighed.parts(estimate.not_excited), **said)
+        parts = self._weighed.parts(estimate.not_excited)
+        said, doubtful = self._weighed.line, self._weighed.contradicts
+        return replace(estimate, **parts, shape=said, shape_doubtful=doubtful)
 
     def _advance(self, estimate: LiveEstimate, model: Accumulation, errors: Array) -> None:
         """Take one step of a round: the data, whether they fit, beliefs, what follows of them."""
