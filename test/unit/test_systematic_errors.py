@@ -21,6 +21,7 @@ from tactile_dynamics_ros.core.inertia.residuals.systematic import (
     lasting_basis,
     lasting_variances,
     remaining_noise,
+    slow_noise,
     systematic_basis,
     with_gains,
 )
@@ -135,12 +136,21 @@ def test_contacts_that_are_elsewhere_are_covered():
     assert np.mean(without) < 0.6 and np.mean(inside) > 0.8
 
 
-def test_without_information_errors_are_what_is_usual():
-    """Constant ones in proportion to the load; the mean of what may be a cable is above usual."""
-    light, heavy = (lasting_variances(np.zeros((9, 9)), np.zeros(9), n) for n in (1.0, 10.0))
+def test_what_no_number_shows_is_not_presumed():
+    """Such as the zero of a sensor beside an estimated one; what one shows is as usual or more."""
+    assert not lasting_variances(np.zeros((9, 9)), np.zeros(9), LOAD).any()
+    light, heavy = (lasting_variances(1e-9 * np.eye(9), np.zeros(9), n) for n in (1.0, 10.0))
     np.testing.assert_allclose(heavy, 100.0 * light)
     assert np.all(light > np.repeat([0.005, 0.002], [6, 3]) ** 2)
     assert np.all(light < np.repeat([0.05, 0.02], [6, 3]) ** 2)
+
+
+def test_correlated_residuals_are_no_lasting_errors_and_a_misfit_is_no_noise():
+    rng = np.random.default_rng(5)
+    alike = np.sqrt(10.0 * 25.0) * rng.normal(size=(200, 6))
+    assert slow_noise(1.0, alike) == pytest.approx(10.0, rel=0.2)
+    assert slow_noise(1.0, alike[:7]) == 1.0
+    assert slow_noise(9.0, 3.0 * alike) == 1.0
 
 
 def test_noise_that_is_stated_and_does_not_scatter_lasts():

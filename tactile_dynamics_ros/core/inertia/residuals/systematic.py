@@ -160,7 +160,8 @@ def lasting_variances(mixing: Array, white: Array, load: float) -> Array:
     number each for constant wrenches of the body, constant forces
     of the world, and gains, places and mixings of sensors, log-normal about `_USUAL`; each is the
     mean of its posterior beside the others. Nothing is chosen, so that data that differ a little
-    give intervals that differ a little. Source: Gelman et al. 2013, ch. 5 (hierarchical models).
+    give intervals that differ a little. What no number shows, such as the zero of a sensor beside
+    an estimated one, is not presumed. Source: Gelman et al. 2013, ch. 5 (hierarchical models).
 
     Args:
         mixing: (r, q) A, see `_shown`; q is 9 + 13 C, or 9 of an only sensor.
@@ -180,7 +181,7 @@ def lasting_variances(mixing: Array, white: Array, load: float) -> Array:
             found[kind] = 0.0
             rest = np.eye(len(white)) + np.tensordot(found, shapes, axes=1)
             found[kind] = _mean_variance(rest, parts[kind], white, tried[kind], unusual[kind] ** 2)
-    return np.repeat(found, sizes)
+    return np.repeat(found, sizes) * mixing.any(axis=0)
 
 
 def _mean_variance(rest: Array, part: Array, white: Array, tried: Array, cost: Array) -> float:
@@ -215,16 +216,20 @@ def remaining_noise(mean_square: float) -> float:
 
 
 def slow_noise(mean_square: float, sums: Array) -> float:
-    """The same, at least what sums over a quarter of a second scatter by.
+    """The same for lasting errors, at least what sums over a quarter of a second scatter by.
 
-    Fingertips remember: what remains of them is correlated, and would pass for lasting errors.
+    Fingertips remember: what remains of them is correlated, and would pass for lasting errors. What
+    a model misses is no noise: where the residuals are larger than stated by a factor f in
+    variance, they count as stated, and how they are correlated by 1 / f^2.
 
     Args:
         mean_square: of the white residuals.
         sums: (K, 6) of the white residuals over `ALIKE` samples each.
     """
-    least = remaining_noise(mean_square)
-    return max(least, float(np.mean(sums**2)) / ALIKE) if len(sums) >= _FEWEST_SUMS else least
+    least = remaining_noise(min(mean_square, 1.0))
+    if len(sums) < _FEWEST_SUMS:
+        return least
+    return max(least, float(np.mean(sums**2)) / ALIKE / max(1.0, mean_square) ** 3)
 
 
 @dataclass(frozen=True)
