@@ -22,6 +22,7 @@ SECTIONS = (
     "excitation",
     "wrist_ft",
     "in_hand",
+    "hand_intervals",
 )
 
 
@@ -50,6 +51,7 @@ def run(
         "excitation": lambda: gain.run_excitation(2 if quick else 20, 15.0, say),
         "wrist_ft": lambda: boxes.run_wrist(1 if quick else 20, say),
         "in_hand": lambda: boxes.run_in_hand(hands, min(hands, 5), say),
+        "hand_intervals": lambda: honesty.run_hand(hands, say),
     }
     results = {name: runs[name]() for name in SECTIONS if name in sections}
     machine = {"cpus": os.cpu_count(), "python": platform.python_version(), "quick": quick}

@@ -4,24 +4,36 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from benchmarks.inertia.in_hand import record_in_hand
 from benchmarks.inertia.scenarios import Case, four_fingers, from_recording
-from benchmarks.inertia.scores import deviations
+from benchmarks.inertia.scores import deviations, physical
 from benchmarks.support.live_replay import replay_streams
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.inertia.batch.fitting import fit_from
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import (
     PARAMETER_NAMES,
     InertialEstimate,
 )
+from tactile_dynamics_ros.core.inertia.estimate import FROM_SHAPE
 from tactile_dynamics_ros.core.inertia.estimate import estimate as estimate_body
+from tactile_dynamics_ros.core.inertia.live import IncrementalInertialEstimator
+from tactile_dynamics_ros.core.inertia.shape_prior import ShapePrior
+from tactile_dynamics_ros.core.inertia.shape_weighing import with_shape
+from tactile_dynamics_ros.core.manipulation.excitation import ExcitationConfig
+from tactile_dynamics_ros.core.manipulation.grasp_controller import GraspConfig
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     InertialParameters,
     is_feasible,
 )
 from tactile_dynamics_ros.core.streams.streams import PoseStream, Streams
 from tactile_dynamics_ros.core.tactile.calibration import NORMAL_90
+from tactile_dynamics_ros.recording.shape_files import read_solid
+from tactile_dynamics_ros.share import object_file
 from tactile_dynamics_ros.synthetic.recordings import HiddenRecording, generate
 from tactile_dynamics_ros.synthetic.scenario import ScenarioOptions
 
@@ -30,6 +42,13 @@ Graded = tuple[InertialEstimate, InertialParameters]
 
 _TWENTY_PERCENT = 2.0
 _FIRST_SEED = 1000
+_HELD = ("box_0", "mug", "box_1", "box_2", "soup_can", "box_3", "box_4")
+_HANDS = 9500
+"""First of the hands whose intervals are compared; those of tuning were 101 to 105."""
+_LIKE = 1.2
+"""Ratio of live and offline standard deviations up to which they count as alike."""
+_EVERY = 10
+"""Poses between two live estimates: ten a second, as the node has it."""
 _SPANS = ((0.15, 0.3), (0.3, 0.5), (0.5, 0.8), (0.8, 1.2), (1.2, 2.0))
 """Seconds since the first sample within which all published estimates are graded together."""
 
@@ -97,6 +116,76 @@ def run_early(runs: int, say: Callable[[str], None]) -> dict[str, Any]:
             {"from_s": low, "to_s": high, "told": len(errors), "held": held, "largest": largest}
         )
     return {"runs": runs, "spans": rows}
+
+
+@dataclass(frozen=True)
+class HandRun:
+    """One recording of the simulated hand, estimated live and offline.
+
+    Attributes:
+        case: motion and object.
+        truth: (10,) in the order of PARAMETER_NAMES.
+        live, offline: (2, 10) values and standard deviations, from the motion alone.
+        shaped_live, shaped_offline: the same with the object's shape.
+    """
+
+    case: str
+    truth: np.ndarray
+    live: np.ndarray
+    offline: np.ndarray
+    shaped_live: np.ndarray
+    shaped_offline: np.ndarray
+
+
+def grade_hand(case: str, streams: Streams, truth: InertialParameters, name: str) -> HandRun:
+    """Estimate a recording of an object of config/objects four ways."""
+    shape = ShapePrior(read_solid(object_file(name)))
+    watched = IncrementalInertialEstimator()
+    watched.set_shape(shape)
+    shaped = list(replay_streams(streams, watched, _EVERY))
+    watched.set_shape(None)
+    fitted = estimate_body(streams)
+    fits = [fitted.to_estimate()]
+    try:
+        fits.append(with_shape(fit_from(fitted, shape.start, FROM_SHAPE), shape)[0])
+    except BadInputError:
+        fits.append(fits[0])
+    found = [watched.update(), fits[0], shaped[-1], fits[1]]
+    rows = [np.array([physical(e.inertia), e.parameter_std]) for e in found]
+    return HandRun(case, physical(truth), *rows)
+
+
+def run_hand(runs: int, say: Callable[[str], None]) -> dict[str, Any]:
+    """Live and offline intervals of the same recordings of the simulated hand, by motion."""
+    found = []
+    for k in range(runs):
+        name, still = _HELD[k % len(_HELD)], k % 4 == 3
+        size = {"rotation": 0.0, "translation": 0.0} if still else {}
+        excitation = ExcitationConfig(duration=20.0, seed=_HANDS + k, **size)
+        behaviour = GraspConfig(excitation=excitation)
+        streams, truth, _ = record_in_hand(name, _HANDS + k, behaviour)
+        found.append(grade_hand("still" if still else "excited", streams, truth, name))
+        say(f"{name} {found[-1].case}: {_hand_row(found[-1:])}")
+    cases = {run.case for run in found}
+    parts = {case: [run for run in found if run.case == case] for case in sorted(cases)}
+    return {case: _hand_row(part) for case, part in {"all": found, **parts}.items()}
+
+
+def _hand_row(runs: list[HandRun]) -> dict[str, Any]:
+    """Coverage, worst and median errors in standard deviations, and how alike intervals are."""
+    row: dict[str, Any] = {"runs": len(runs)}
+    for kind in ("live", "offline", "shaped_live", "shaped_offline"):
+        pairs = [(run.truth, getattr(run, kind)) for run in runs]
+        errors = np.abs([(value - truth) / std for truth, (value, std) in pairs])
+        row[kind] = {
+            "coverage": float(np.mean(errors <= NORMAL_90)),
+            "largest": float(errors.max()),
+            "medians": _named(np.median(errors, axis=0)),
+        }
+    for name, start in (("motion", ""), ("shape", "shaped_")):
+        widths = [getattr(r, f"{start}live")[1] / getattr(r, f"{start}offline")[1] for r in runs]
+        row[f"alike_{name}"] = float(np.mean(np.abs(np.log(widths)) < np.log(_LIKE)))
+    return row
 
 
 def _wrong_fingers(recording: HiddenRecording) -> int:

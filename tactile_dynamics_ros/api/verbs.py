@@ -220,10 +220,11 @@ def _with_shape(
     shape: str | Path,
     pose: NDArray[np.float64] | None,
 ) -> Estimate:
-    from tactile_dynamics_ros.api.shape_files import read_prior
     from tactile_dynamics_ros.core.inertia.estimate import estimate as fit
+    from tactile_dynamics_ros.core.inertia.shape_prior import ShapePrior
+    from tactile_dynamics_ros.recording.shape_files import read_solid
 
-    known = read_prior(shape, pose)
+    known = ShapePrior(read_solid(shape, pose))
     return Estimate(recording, fit(recording, effects_of(effects), shape=known), shape=known)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -19,7 +20,9 @@ from tactile_dynamics_ros.core.inertia.live import (
 )
 from tactile_dynamics_ros.core.inertia.live.live_estimate import Verdict, judge_estimate
 from tactile_dynamics_ros.core.inertia.live.refit import RefitConfig
+from tactile_dynamics_ros.core.inertia.shape_prior import ShapePrior
 from tactile_dynamics_ros.core.streams.streams import ContactSample
+from tactile_dynamics_ros.recording.shape_files import read_solid
 from tactile_dynamics_ros.ros.conversions import header, inertia_to_message
 from tactile_dynamics_ros.ros.diagnostics import status_message
 from tactile_dynamics_ros.ros.friction_messages import friction_range
@@ -31,6 +34,7 @@ from tactile_dynamics_ros.ros.names import (
     ESTIMATOR_RESET,
     ESTIMATOR_STATUS,
     INERTIA,
+    OBJECT_SHAPE,
     PROBE_ESTIMATE,
 )
 from tactile_dynamics_ros.ros.object_memory import ObjectMemory
@@ -38,12 +42,17 @@ from tactile_dynamics_ros.ros.object_state import REPEAT, SILENT, ObjectState
 from tactile_dynamics_ros.ros.parameters import declare_config
 from tactile_dynamics_ros.ros.payload_services import CarriedTool
 from tactile_dynamics_ros.ros.refitter import Refitter
-from tactile_dynamics_ros.ros.shape_messages import EstimateMarkers
+from tactile_dynamics_ros.ros.shape_messages import EstimateMarkers, solid_from_message
 from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
 from tactile_dynamics_ros.ros.statuses import status_of, waiting_status
 from tactile_dynamics_ros.ros.typed_messages import estimate_message, typed_publisher
+from tactile_dynamics_ros.share import object_file
 
 Array = NDArray[np.float64]
+
+TOPIC = "topic"
+"""Value of the parameter `shape` for the shape that is published. A file of this name would need a
+path before it."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +62,11 @@ class InertialEstimatorConfig:
     contacts: tuple[str, ...] = parameter(CONTACTS, "names of the contacts on contact/<name>")
     update_rate_hz: float = parameter(10.0, "rate of estimates", "Hz", 0.1, 200.0)
     effects: tuple[str, ...] = parameter((), "effects of the catalogue in the model; live")
+    shape: str = parameter(
+        "",
+        "what the object fills, in the axes of its pose: object in config/objects, mesh (m), cloud "
+        "or JSON of `shape`; topic: what object/shape says",
+    )
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -63,6 +77,9 @@ class InertialEstimatorNode(Shell):
 
     Without effects that is the incremental estimate, at every update. A model with effects is
     fitted to the last minute again and again, in a process of its own.
+
+    With a shape, the body fills it, of a density that the data decide; models with effects do not
+    know it.
 
     Once the friction probe has measured the surface, the share of the friction cone that each
     finger uses is published, and a force that friction could not hold counts as uncertain by at
@@ -85,6 +102,13 @@ class InertialEstimatorNode(Shell):
         self._friction: tuple[float, float] | None = None
         self._grip: dict[str, object] = {}
         self.listen(DiagnosticStatus, PROBE_ESTIMATE, self._on_friction, LATCHED)
+        self._shape: object = None
+        if config.shape == TOPIC:
+            self.listen(DiagnosticArray, OBJECT_SHAPE, self._on_shape, LATCHED)
+        elif config.shape:
+            named = not Path(config.shape).suffix
+            solid = read_solid(object_file(config.shape) if named else config.shape)
+            self.estimator.set_shape(ShapePrior(solid))
         self._streams = HeldStreams(
             self, config.contacts, self._on_pose, self._on_contact, self._forget, self._break
         )
@@ -140,6 +164,11 @@ class InertialEstimatorNode(Shell):
 
     def _on_friction(self, message: DiagnosticStatus) -> None:
         self._friction = friction_range(message) or self._friction
+
+    def _on_shape(self, message: DiagnosticArray) -> None:
+        if message.status != self._shape:
+            self._shape = message.status
+            self.estimator.set_shape(ShapePrior(solid_from_message(message)))
 
     def _on_contact(self, contact: ContactSample) -> None:
         self._markers.add_contact(contact)

@@ -152,10 +152,12 @@ def _convergence(
     live = history is not None and len(history.time) >= _FEWEST_LIVE_ESTIMATES
     history = history if history is not None and live else settle(model)
     caption = "Bands are ± one standard deviation."
+    if live:
+        caption += " Bars at the end are the estimate from the whole recording."
     pictures = [
         Picture(
             "convergence",
-            draw_convergence(history, truth, estimate.not_excited),
+            draw_convergence(history, truth, estimate.not_excited, estimate if live else None),
             "mass, centre of mass and inertia over seconds of data, with bands that narrow",
             f"{caption} Dashed lines are the truth." if truth else caption,
         )
@@ -182,10 +184,11 @@ def _scene(
     longest = max(model.samples, key=lambda samples: len(samples.time))
     picture = Picture(
         "scene",
-        draw_scene(longest, estimate.inertia, truth),
+        draw_scene(longest, estimate.inertia, truth, estimate.covariance),
         "contact points with mean forces, centre of mass, ellipsoid of the same inertia",
         "Dots are where each contact touched, arrows its mean force on the object. The grey "
-        f"ellipsoid is the solid of even density with the estimated mass and inertia.{warning}",
+        f"ellipsoid is the solid of even density with the estimated mass and inertia; blue ones "
+        f"and small dots are as likely by its interval.{warning}",
     )
     return Section("The object between its contacts", (), [picture])
 

@@ -35,6 +35,7 @@ from tactile_dynamics_ros.report.style import (
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
+    from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate
 
 Array = NDArray[np.float64]
 
@@ -127,6 +128,7 @@ def draw_convergence(
     history: EstimateHistory,
     truth: InertialParameters | None = None,
     not_excited: Collection[str] = (),
+    final: InertialEstimate | None = None,
 ) -> Figure:
     """Draw estimates with bands of ± one standard deviation; dashed lines are the truth.
 
@@ -134,8 +136,10 @@ def draw_convergence(
         history: estimates after more and more data.
         truth: true parameters where they are known.
         not_excited: parameters (of PARAMETER_NAMES) that the motion did not determine; left out.
+        final: estimate from the whole recording; a bar of ± one standard deviation at the end.
     """
     figure = new_figure(4.6)
+    end = 1.02 * float(history.time[-1] - history.time[0])
     true_values = None if truth is None else _values_of(truth)
     for axes, (title, unit, scale, rows) in zip(figure.subplots(2, 2).flat, PANELS, strict=True):
         axes.set_title(title)
@@ -146,6 +150,10 @@ def draw_convergence(
         for row in shown:
             colour = LINE_COLOURS[0] if len(rows) == 1 else LINE_COLOURS[1 + rows.index(row)]
             _draw_band(axes, history, row, scale, colour)
+            if final is not None:
+                value, std = _values_of(final.inertia)[row], final.parameter_std[row]
+                bar = {"color": colour, "fmt": "o", "markersize": 3, "capsize": 2}
+                axes.errorbar(end, scale * value, scale * std, **bar)
             if true_values is not None:
                 axes.axhline(scale * true_values[row], color=colour, linestyle=(0, (4, 3)))
         axes.set_ylim(settled_view(history, shown, scale, true_values))

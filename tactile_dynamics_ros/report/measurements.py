@@ -10,12 +10,16 @@ from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
-from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
+    InertialParameters,
+    is_feasible,
+)
 from tactile_dynamics_ros.core.rigid_body.rotation import log_so3
 from tactile_dynamics_ros.core.streams.streams import ContactStream, Streams
 from tactile_dynamics_ros.report.estimates import EstimateHistory, settled_view
 from tactile_dynamics_ros.report.style import (
     AXIS_COLOURS,
+    BLUE,
     FAINT,
     GREY,
     INK,
@@ -118,7 +122,10 @@ def _unwrap(rotation_vector: Array) -> Array:
 
 
 def draw_scene(
-    samples: WrenchSamples, body: InertialParameters, truth: InertialParameters | None = None
+    samples: WrenchSamples,
+    body: InertialParameters,
+    truth: InertialParameters | None = None,
+    covariance: Array | None = None,
 ) -> Figure:
     """Draw contacts with their mean forces, the centre of mass and the body of equal inertia.
 
@@ -126,11 +133,16 @@ def draw_scene(
         samples: contacts in the body frame.
         body: estimate.
         truth: true parameters where they are known.
+        covariance: (10, 10) of the estimate's dynamic parameters; bodies that are as likely are
+            drawn too.
     """
+    others = [] if covariance is None else _likely_bodies(body, covariance)
     figure = new_figure(4.3)
     for place, azimuth in ((1, -60.0), (2, 30.0)):
         axes: Axes3D = figure.add_subplot(1, 2, place, projection="3d", azim=azimuth, elev=22.0)
         reach = _draw_ellipsoid(axes, body)
+        for other in others:
+            _draw_outline(axes, other)
         _draw_contacts(axes, samples, reach)
         com, origin = MILLI * body.com, np.zeros(3)
         axes.scatter(*com, color=INK, s=40, label="centre of mass", depthshade=False)
@@ -143,19 +155,39 @@ def draw_scene(
     return figure
 
 
+def _likely_bodies(body: InertialParameters, covariance: Array) -> list[InertialParameters]:
+    """Bodies that can exist, drawn from an estimate's interval."""
+    phi, scale = body.dynamic_parameters, np.sqrt(np.diag(covariance))
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    root = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+    drawn = phi + np.random.default_rng(1).normal(size=(_TRIED, 10)) @ root.T
+    feasible = [one for one in drawn if is_feasible(one)][:_LIKELY]
+    return [InertialParameters.from_dynamic_parameters(one) for one in feasible]
+
+
+def _ellipsoid(body: InertialParameters, steps: int) -> Array:
+    """Surface (2 n + 1, n + 1, 3), mm, of even density with the same mass and inertia."""
+    radii, vectors = body.even_ellipsoid
+    u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 2 * steps + 1), np.linspace(0, np.pi, steps + 1))
+    unit = np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)], axis=-1)
+    return np.asarray(MILLI * ((unit * radii) @ vectors.T + body.com))
+
+
 def _draw_ellipsoid(axes: Axes3D, body: InertialParameters) -> float:
     """Draw the solid ellipsoid of even density with the same mass and inertia; return its reach."""
-    second_moment = 0.5 * np.trace(body.inertia_com) * np.eye(3) - body.inertia_com
-    values, vectors = np.linalg.eigh(second_moment)
-    radii = np.sqrt(5.0 * np.clip(values, 0.0, None) / body.mass)
-    u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 33), np.linspace(0, np.pi, 17))
-    unit = np.stack([np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)], axis=-1)
-    surface = MILLI * ((unit * radii) @ vectors.T + body.com)
+    surface = _ellipsoid(body, 16)
     axes.plot_surface(*np.moveaxis(surface, -1, 0), color=GREY, alpha=0.18, linewidth=0)
     axes.plot_wireframe(
         *np.moveaxis(surface[::4, ::4], -1, 0), color=GREY, alpha=0.35, linewidth=0.5
     )
     return float(np.abs(surface).max())
+
+
+def _draw_outline(axes: Axes3D, body: InertialParameters) -> None:
+    """Draw the ellipsoid of a body that is as likely, faintly, with its centre of mass."""
+    surface = np.moveaxis(_ellipsoid(body, 6), -1, 0)
+    axes.plot_wireframe(*surface, color=BLUE, alpha=0.12, linewidth=0.5)
+    axes.scatter(*(MILLI * body.com), color=INK, s=4, alpha=0.4, depthshade=False)
 
 
 def _draw_contacts(axes: Axes3D, samples: WrenchSamples, reach: float) -> None:
@@ -201,6 +233,10 @@ def _equalise(axes: Axes3D) -> None:
         axis._axinfo["grid"].update(color=FAINT, linewidth=0.6)
 
 
+_LIKELY, _TRIED = 8, 400
+"""Bodies that are drawn beside an estimate, and draws from its interval until there are as many
+that can exist. More hide the body, fewer show no spread; near the edge of what can exist one draw
+of twenty does."""
 SETTLED_SHARE = 0.1
 
 

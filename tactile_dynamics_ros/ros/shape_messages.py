@@ -26,10 +26,16 @@ from visualization_msgs.msg import Marker, MarkerArray
 from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion, quaternion_to_matrix
+from tactile_dynamics_ros.core.shape.object_shape import ObjectShape
+from tactile_dynamics_ros.core.shape.solid import Solid
 from tactile_dynamics_ros.core.shape.superquadric.recovery import Recovery
-from tactile_dynamics_ros.core.shape.superquadric.superquadric import Superquadric
+from tactile_dynamics_ros.core.shape.superquadric.superquadric import (
+    Superquadric,
+    SuperquadricSurface,
+)
 from tactile_dynamics_ros.core.shape.superquadric.words import describe
 from tactile_dynamics_ros.core.streams.streams import ContactSample
+from tactile_dynamics_ros.recording.shape_files import in_first
 from tactile_dynamics_ros.ros.conversions import (
     MessageError,
     array_to_vector,
@@ -131,6 +137,18 @@ def shape_from_message(message: DiagnosticArray) -> tuple[Link, ...]:
             "wrong_frame", f"{OBJECT_SHAPE}: frame_id '{message.header.frame_id}', expected {WORLD}"
         )
     return tuple(_link(status) for status in message.status)
+
+
+def solid_from_message(message: DiagnosticArray) -> Solid:
+    """Return what the parts of `/object/shape` fill, in the axes of the first, as its pose has.
+
+    Raises:
+        MessageError: see `shape_from_message`.
+        BadInputError: they enclose nothing.
+    """
+    parts = in_first([link.shape for link in shape_from_message(message)])
+    surfaces = [SuperquadricSurface(part) for part in parts]
+    return Solid.of_shape(ObjectShape(surfaces), OBJECT_SHAPE)
 
 
 def _link(status: DiagnosticStatus) -> Link:

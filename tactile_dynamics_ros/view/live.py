@@ -181,7 +181,9 @@ class LiveSource:
         if not said.known:
             return
         mass, std = said.value[0], said.std[0]
-        state.body = Body(Quantity(mass, std), said.value[1:4], said.std[1:4])
+        ten = said.value, said.std
+        centre, inertia = ([part[rows] for part in ten] for rows in (slice(1, 4), slice(4, 10)))
+        state.body = Body(Quantity(mass, std), *centre, *inertia)
         state.note("mass", time, 1e3 * mass, 1e3 * std)
         state.note("com", time, 1e3 * said.value[1], 1e3 * said.std[1])
 

@@ -16,7 +16,7 @@ from viser import ViserServer, uplot
 from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion
 from tactile_dynamics_ros.view.gate import Gate
 from tactile_dynamics_ros.view.robot import RobotFigure
-from tactile_dynamics_ros.view.state import Force, Push, Quantity, State, error_marks
+from tactile_dynamics_ros.view.state import Body, Force, Push, Quantity, State, error_marks
 
 Array = NDArray[np.float64]
 
@@ -32,6 +32,9 @@ _NEARER = 0.7
 """How far the eye of a pushed object is, in that distance: there is no hand. Nearer, pushes of 6 cm
 begin outside the picture."""
 
+_SHELLS = (0.25, 0.12)
+"""Opacity of the ellipsoids of inertia, a deviation smaller and larger: both are seen, and the
+centre of mass inside. More hides it."""
 _CLEAR = 0.6
 """Opacity of the object's surface, so that its centre of mass shows inside. More hides it."""
 _HEIGHT = 0.002
@@ -258,6 +261,7 @@ class LivePage:
         _place(frame, state.object_pose)
         if state.body is not None:
             self._show_centre(state.body.com, state.body.com_std)
+            self._show_inertia(state.body)
         elif state.centre is not None:
             self._show_centre(*state.centre)
         if state.footprint is not None:
@@ -279,6 +283,17 @@ class LivePage:
         ball = self._once(name, self.server.scene.add_icosphere, 1.0, _ORANGE, opacity=0.6)
         ball.position = com
         ball.scale = tuple(np.maximum(std, _SMALLEST).tolist())
+
+    def _show_inertia(self, body: Body) -> None:
+        """Ellipsoids of even density of the object's inertia, a deviation smaller and larger."""
+        if body.shells is None:
+            return
+        turn = np.roll(matrix_to_quaternion(body.shells[2]), 1)
+        for name, radii, opacity in zip(("inner", "outer"), body.shells, _SHELLS, strict=False):
+            add = self.server.scene.add_icosphere
+            shell = self._once(f"/object/inertia_{name}", add, 1.0, _GREY, opacity=opacity)
+            shell.position, shell.wxyz = body.com, turn
+            shell.scale = tuple(np.maximum(radii, _SMALLEST).tolist())
 
     def _show_footprint(self, part: str, outline: Array) -> None:
         """The outline of a part of a pushed object on its support, in the frame of the part."""

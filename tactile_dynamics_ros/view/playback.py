@@ -9,6 +9,7 @@ import numpy as np
 from tactile_dynamics_ros.api.discrepancies import Comparison
 from tactile_dynamics_ros.api.verbs import diagnose, estimate
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import inertia_vector
 from tactile_dynamics_ros.core.streams.streams import nearest_samples
 from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.view.state import KEPT, Body, Force, History, Quantity, Span, State
@@ -106,9 +107,9 @@ class Playback:
             state.remark, state.good = str(error), False
             return False
         mass, com = found["mass"], found["com"]
-        state.body = Body(
-            Quantity(mass["value"], mass["std"]), np.array(com["value"]), np.array(com["std"])
-        )
+        inertia = [inertia_vector(found["inertia_com"][key]) for key in ("value", "std")]
+        centre = np.array(com["value"]), np.array(com["std"])
+        state.body = Body(Quantity(mass["value"], mass["std"]), *centre, *inertia)
         error, state.effects = found["error"]["whitened_rms"], self._effects
         state.error, state.good = error, asked.fits
         state.remark = f"The model fits: error {error:.2f} times the noise."

@@ -14,6 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
+    InertialParameters,
+    inertia_matrix,
+)
 from tactile_dynamics_ros.ros.diagnostics import OK, Statuses, status_values
 
 Array = NDArray[np.float64]
@@ -52,17 +56,37 @@ class Force:
 
 @dataclass(frozen=True)
 class Body:
-    """Mass and centre of mass of the object.
+    """Mass, centre of mass and inertia of the object.
 
     Attributes:
         mass: kg.
         com: (3,) m, axes of the object.
         com_std: (3,) m.
+        inertia: (6,) kg m^2 about it: xx, xy, yy, xz, yz, zz; None where it is not known.
+        inertia_std: (6,) kg m^2.
     """
 
     mass: Quantity
     com: Array
     com_std: Array
+    inertia: Array | None = None
+    inertia_std: Array | None = None
+
+    @property
+    def shells(self) -> tuple[Array, Array, Array] | None:
+        """Semi-axes (3,), m, of the ellipsoids of equal inertia a deviation smaller and larger.
+
+        And their directions (3, 3). A semi-axis r of second moment s = m r^2 / 5 is off by 5 / (2 m
+        r) times the deviation of s, half that of the moments together.
+        """
+        if self.inertia is None or self.inertia_std is None or self.mass.value <= 0.0:
+            return None
+        tensor = inertia_matrix(self.inertia)
+        radii, directions = InertialParameters(self.mass.value, self.com, tensor).even_ellipsoid
+        off = 0.5 * float(np.linalg.norm(self.inertia_std[[0, 2, 5]]))
+        squares, more = radii**2, 5.0 * off / self.mass.value
+        inner, outer = (np.sqrt(np.maximum(squares + sign * more, 0.0)) for sign in (-1.0, 1.0))
+        return inner, outer, directions
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 import math
 import re
 from time import monotonic
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,9 +15,11 @@ from visualization_msgs.msg import MarkerArray
 
 from tactile_dynamics_ros.core.friction.estimate import FrictionEstimate
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters, KnownBody
+from tactile_dynamics_ros.core.shape.superquadric.superquadric import Superquadric
 from tactile_dynamics_ros.nodes.inertial_estimator import InertialEstimatorNode
 from tactile_dynamics_ros.recording.yaml_files import read_body, write_body
 from tactile_dynamics_ros.ros import conversions as cv
+from tactile_dynamics_ros.ros import shape_messages
 from tactile_dynamics_ros.ros.diagnostics import status_values
 from tactile_dynamics_ros.ros.friction_messages import estimate_status
 from tactile_dynamics_ros.ros.object_state import REPEAT
@@ -91,6 +94,25 @@ def test_known_box_is_found_with_its_uncertainty(estimator):
         assert abs(float(values[name]) - truth) < 5 * std
     assert len(status(estimator, "directions")) == 10
     assert float(status(estimator, "solver")["whitened_rms"]) == pytest.approx(1.0, abs=0.15)
+
+
+def test_a_shape_from_its_topic_counts(bench):
+    """Parts of object/shape are taken in the axes of the first; the status says what they add."""
+    bench.start(InertialEstimatorNode, "-p", "update_rate_hz:=100.0", "-p", "shape:=topic")
+    bench.follow(InertiaStamped, INERTIA, profile=LATCHED)
+    bench.follow(DiagnosticArray, STATUS, profile=LATCHED)
+    pose = matrix([0.4, 0.1, 0.05], np.eye(3))
+    half = np.array([0.06, 0.08, 0.1])
+    part = Superquadric(half, np.array([0.1, 0.1]), np.zeros(2), pose)
+    names = {name for group in shape_messages.STDS.values() for name in group} - {"z", "yaw"}
+    found = SimpleNamespace(shape=part, std=dict.fromkeys(names, 1e-3))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(shape_messages, "describe", lambda _: "a box")
+        bench.send("/object/shape", shape_messages.shape_message([found], 1.0), profile=LATCHED)
+    play(bench, held_box(seconds=4.0).streams)
+    bench.until(lambda: settled(bench, 300))
+    text = next(s.message for s in bench.seen[STATUS][-1].status if s.name == "parameters")
+    assert "object/shape" in text
 
 
 def test_contacts_go_with_the_fused_pose_where_the_hand_is_off(estimator):

@@ -201,6 +201,7 @@ ROOMS = {
             "core/planar/mechanics",
             "core/rigid_body",
             "core/robot",
+            "core/shape",
             "core/streams",
         )
         + ("core/tactile", "core/tracking"),
@@ -280,8 +281,8 @@ ROOMS = {
         "one file per executable: parameters, subscriptions, publishers",
         ("core/contact", "core/discrepancy", "core/friction", _INERTIA + "diagnosis")
         + (_INERTIA + "compensation",)
-        + (_INERTIA + "live", "core/manipulation", "core/rigid_body", "core/robot", "core/shape")
-        + ("core/weighing", "recording")
+        + ("core/inertia", _INERTIA + "live", "core/manipulation", "core/rigid_body")
+        + ("core/robot", "core/shape", "core/weighing", "recording")
         + ("core/planar/actions", "core/planar/control", "core/planar/filter")
         + ("core/planar/mechanics", "core/planar/network", "core/planar/properties")
         + ("core/joints", "core/streams", "core/tactile", "core/tracking", "ros", "sim"),

@@ -10,8 +10,11 @@ import pytest
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.effects import create_effect
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
-from tactile_dynamics_ros.core.inertia.batch.fitting import nearest_body
-from tactile_dynamics_ros.core.inertia.batch.prior import LogCholeskyPrior, contact_prior
+from tactile_dynamics_ros.core.inertia.batch.prior import (
+    LogCholeskyPrior,
+    contact_prior,
+    nearest_body,
+)
 from tactile_dynamics_ros.core.inertia.batch.uncertainty import (
     misfit_inflation,
     unexcited_directions,
@@ -221,3 +224,14 @@ def test_directions_are_held_where_information_is_hardly_more_than_noise():
         found = unexcited_directions(*given, scatter)
         own = directions[:, expected]
         np.testing.assert_allclose(found @ found.T, own @ own.T, atol=1e-6)
+
+
+def test_intervals_of_a_flat_body_are_those_of_one_that_is_not():
+    """A second moment of nothing hardly moves with its logarithm; its interval is linear in phi."""
+    prior = LogCholeskyPrior(XI, np.ones(10))
+    flat = XI.copy()
+    flat[1] -= 12.0
+    phi = dynamic_parameters_from_log_cholesky(flat)
+    thin, open_ = (log_cholesky_jacobian(xi) for xi in (flat, prior.opened(phi)))
+    assert np.linalg.svd(thin)[1][-1] < 1e-6 * np.linalg.svd(open_)[1][-1]
+    np.testing.assert_allclose(prior.opened(dynamic_parameters_from_log_cholesky(XI)), XI)

@@ -31,7 +31,8 @@ def accumulation(
     model.information.add(rows, np.zeros(len(rows)))
     model.noise_information = noise
     model._unexcited, model._prior, model._known = unexcited, LogCholeskyPrior(XI, STD), None
-    return model, model.solver.prior_information()
+    opened = model._prior.opened(model.phi)
+    return model, model.solver.prior_information(opened)
 
 
 @pytest.mark.parametrize("held", [0, 1, 3])
@@ -137,7 +138,9 @@ def model() -> Accumulation:
 
 
 def summarise(model: Accumulation, monkeypatch, rms: float, scatter: float) -> np.ndarray:
+    presumed = model.presume_lasting_errors()
     with monkeypatch.context() as patch:
+        patch.setattr(Accumulation, "presume_lasting_errors", lambda _: presumed)
         patch.setattr(SquareRootInformation, "whitened_rms", property(lambda _: rms))
         patch.setattr(BlockScores, "inflation", lambda *_: np.full(10, scatter))
         return Summariser().summarise(model, 0.0).covariance
@@ -152,6 +155,13 @@ def test_published_covariance_grows_with_scatter_and_misfit(model, monkeypatch, 
     wider = summarise(model, monkeypatch, rms, 7.0)
     tolerance = 1e-9 * np.max(np.abs(wider))
     np.testing.assert_allclose(wider - lasting, 7.0 * factor * model.covariance, atol=tolerance)
+
+
+def test_noise_that_does_not_scatter_widens(model, monkeypatch):
+    """At half of the stated deviation the rest lasts: the variance of what many samples say."""
+    plain, wider = (summarise(model, monkeypatch, rms, 1.0) for rms in (1.0, 0.5))
+    grown = (0.25 + 25.0 * 0.65 - 1.0) * model.covariance
+    np.testing.assert_allclose(wider - plain, grown, atol=1e-9 * np.max(np.abs(wider)))
 
 
 def test_published_scatter_is_that_of_the_scores_at_the_estimate(model, monkeypatch):

@@ -9,24 +9,35 @@ import pytest
 import trimesh
 from numpy.testing import assert_allclose
 
+from benchmarks.support.live_replay import replay_streams
 from benchmarks.tools.bodies import filled, judge, mesh_of
-from tactile_dynamics_ros.api.shape_files import read_prior
 from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.inertia.estimate import estimate
+from tactile_dynamics_ros.core.inertia.live import IncrementalInertialEstimator
+from tactile_dynamics_ros.core.inertia.live.live_estimate import Level, judge_estimate
 from tactile_dynamics_ros.core.inertia.shape_prior import (
     ShapePrior,
     coordinates,
     point_masses,
 )
-from tactile_dynamics_ros.core.inertia.shape_weighing import Seen, nearest_density, weigh
+from tactile_dynamics_ros.core.inertia.shape_weighing import (
+    Seen,
+    nearest_density,
+    weigh,
+    with_shape,
+)
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     InertialParameters,
     dynamic_parameters_from_log_cholesky,
     is_feasible,
     log_cholesky,
 )
+from tactile_dynamics_ros.core.rigid_body.rotation import pose_of
 from tactile_dynamics_ros.core.shape.object_shape import BoxSurface, MeshSurface, ObjectShape
 from tactile_dynamics_ros.core.shape.solid import Solid
+from tactile_dynamics_ros.recording import Recording
+from tactile_dynamics_ros.recording.shape_files import read_solid
 from tactile_dynamics_ros.synthetic.objects import HeldObject
 from tactile_dynamics_ros.synthetic.recordings import generate, write_bag
 from tactile_dynamics_ros.synthetic.scenario import ScenarioOptions
@@ -180,12 +191,12 @@ def test_a_shape_of_the_command_shape_is_read_in_the_axes_of_its_first_part(tmp_
     parts = [part | {"pose": pose.tolist()}, part | {"pose": beside.tolist()}]
     file = tmp_path / "shape.json"
     file.write_text(json.dumps({"parts": parts}))
-    volume = read_prior(file).solid.volumes[0]
+    volume = ShapePrior(read_solid(file)).solid.volumes[0]
     assert_allclose(volume.points.mean(axis=0), [0.0, 0.0, 0.05], atol=3e-3)
     assert set(volume.part) == {0, 1}
     file.write_text(json.dumps({"parts": [{"semi_axes_m": [1, 2]}]}))
     with pytest.raises(BadInputError, match="expected `parts`"):
-        read_prior(file)
+        ShapePrior(read_solid(file))
 
 
 def test_each_kind_of_file_gives_the_same_box(tmp_path):
@@ -202,7 +213,7 @@ def test_each_kind_of_file_gives_the_same_box(tmp_path):
     (tmp_path / "box.yaml").write_text("shapes: [{box: [0.06, 0.08, 0.12]}]\n")
     even = ShapePrior(Solid.of_shape(ObjectShape([BoxSurface(0.5 * SIZE, np.eye(4))])))
     for name in ("closed.stl", "inward.stl", "open.stl", "cloud.xyz", "cloud.ply", "box.yaml"):
-        field = read_prior(tmp_path / name).fields[-1]
+        field = ShapePrior(read_solid(tmp_path / name)).fields[-1]
         assert_allclose(field.even[:3], even.fields[0].even[:3], atol=0.04, err_msg=name)
 
 
@@ -214,6 +225,38 @@ def recorded(tmp_path_factory):
     write_bag(made.streams, folder / "run.mcap")
     mesh_of(made.scenario.body).export(folder / "body.stl")
     return folder, made.scenario.body
+
+
+def test_live_and_offline_learn_the_same_of_a_shape(recorded):
+    """A round has ended by the end; without the shape the estimate is as before."""
+    folder, _ = recorded
+    shape = ShapePrior(read_solid(folder / "body.stl"))
+    streams = Recording.from_bag(folder / "run.mcap").streams
+    watched = IncrementalInertialEstimator()
+    watched.set_shape(shape)
+    live = list(replay_streams(streams, watched, 10))[-1]
+    offline, weighed = with_shape(estimate(streams, shape=shape), shape)
+    assert live.shape and live.shape_doubtful is weighed.contradicts
+    alike = np.abs(np.log(live.parameter_std / offline.parameter_std))
+    assert np.median(alike) < np.log(1.2) and alike.max() < np.log(2.0)
+    apart = live.inertia.dynamic_parameters - offline.inertia.dynamic_parameters
+    assert np.all(np.abs(apart) < 2.0 * np.sqrt(np.diag(offline.covariance)))
+    watched.set_shape(None)
+    plain = watched.update()
+    assert plain.shape == "" and np.median((live.parameter_std / plain.parameter_std)[4:]) < 0.9
+
+
+def test_a_live_shape_that_lies_elsewhere_is_said_and_does_not_count(recorded):
+    folder, body = recorded
+    far = read_solid(folder / "body.stl", pose_of([0.3, 0.0, 0.0], [0.0, 0.0, 0.0]))
+    watched = IncrementalInertialEstimator()
+    watched.set_shape(ShapePrior(far))
+    streams = Recording.from_bag(folder / "run.mcap").streams
+    live = list(replay_streams(streams, watched, 10))[-1]
+    verdict = judge_estimate(live, (), "model_check/diagnose")
+    assert "no body inside it moves as measured" in verdict.text
+    assert verdict.level is Level.WARN
+    assert_allclose(live.inertia.com, body.com, atol=2e-3)
 
 
 def test_the_command_prints_what_the_shape_adds(recorded, capsys):

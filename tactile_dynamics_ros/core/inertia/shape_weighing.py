@@ -19,6 +19,7 @@ from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import (
     InertialEstimate,
 )
 from tactile_dynamics_ros.core.inertia.batch.knowledge import larger_than_body
+from tactile_dynamics_ros.core.inertia.batch.prior import LogCholeskyPrior
 from tactile_dynamics_ros.core.inertia.shape_prior import (
     FLATTEST,
     WIDE,
@@ -81,22 +82,45 @@ class Seen:
 
     @classmethod
     def of(cls, model: FittedModel) -> Seen:
-        """Take the data alone from a fit: they are quadratic in phi, wherever the fit has ended.
+        """Take the data alone from a fit, wherever it has ended."""
+        to_phi = model.coordinate_jacobian[:10, :10]
+        noise = to_phi @ np.linalg.inv(sum(model.coordinate_information))[:10, :10] @ to_phi.T
+        beyond = beyond_noise(model.covariance[:10, :10], noise)
+        return cls.of_sums(model.phi, *_alone(model), model.prior, model.unexcited, beyond)
+
+    @classmethod
+    def of_sums(
+        cls,
+        phi: Array,
+        data: Array,
+        slope: Array,
+        prior: LogCholeskyPrior,
+        unexcited: Array,
+        beyond: Array,
+    ) -> Seen:
+        """Take the data alone from their sums: they are quadratic in phi.
 
         Directions that the motion does not excite are left out as the fit does; what widens the
         fit's intervals beyond the noise counts as more noise of phi.
+
+        Args:
+            phi: (10,).
+            data: (10, 10) information of the data, without that of noise.
+            slope: (10,) of half their squared error, at phi.
+            prior: of the fit, whose directions are
+            unexcited: (10, q).
+            beyond: (10, 10) covariance beyond the noise.
         """
-        data, slope = _alone(model)
-        excited = np.eye(10) - model.unexcited @ model.unexcited.T
-        to_phi = log_cholesky_jacobian(model.prior.mean) * model.prior.std @ excited
+        excited = np.eye(10) - unexcited @ unexcited.T
+        to_phi = log_cholesky_jacobian(prior.mean) * prior.std @ excited
         values, vectors = np.linalg.eigh(to_phi.T @ data @ to_phi)
         seen = values > _LOST * values[-1]
         size = np.sqrt(values[seen])
-        back = np.linalg.inv(log_cholesky_jacobian(model.prior.mean) * model.prior.std)
+        back = np.linalg.inv(log_cholesky_jacobian(prior.mean) * prior.std)
         root = size[:, None] * (vectors[:, seen].T @ excited @ back)
         target = -vectors[:, seen].T @ to_phi.T @ slope / size
-        more = np.linalg.cholesky(np.eye(len(root)) + root @ _beyond_noise(model) @ root.T)
-        return cls(model.phi, np.linalg.solve(more, root), np.linalg.solve(more, target))
+        more = np.linalg.cholesky(np.eye(len(root)) + root @ beyond @ root.T)
+        return cls(phi, np.linalg.solve(more, root), np.linalg.solve(more, target))
 
 
 def _alone(model: FittedModel) -> tuple[Array, Array]:
@@ -113,13 +137,11 @@ def _alone(model: FittedModel) -> tuple[Array, Array]:
     return 0.5 * (alone + alone.T), slope[:10] - share @ slope[10:]
 
 
-def _beyond_noise(model: FittedModel) -> Array:
-    """Part (10, 10) of a fit's covariance that is not noise: misfit, lasting errors, gains."""
-    to_phi = log_cholesky_jacobian(model.xi)
-    noise = to_phi @ np.linalg.inv(sum(model.coordinate_information))[:10, :10] @ to_phi.T
-    more = model.covariance[:10, :10] - noise
-    scale = np.sqrt(np.diag(model.covariance)[:10])
-    values, vectors = np.linalg.eigh(0.5 * (more + more.T) / np.outer(scale, scale))
+def beyond_noise(covariance: Array, noise: Array) -> Array:
+    """Part (10, 10) of a covariance that is not noise: misfit, lasting errors, gains."""
+    scale = np.sqrt(np.diag(covariance))
+    more = 0.5 * (covariance + covariance.T) - 0.5 * (noise + noise.T)
+    values, vectors = np.linalg.eigh(more / np.outer(scale, scale))
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(scale, scale))
 
 
@@ -195,11 +217,16 @@ class Weighed:
 
     @cached_property
     def covariance(self) -> Array:
-        """(10, 10) of phi, of the mixture."""
+        """(10, 10) of phi, of the mixture, wider where even the best density does not fit.
+
+        By the ratio of its surprise to the nine numbers that it may differ in.
+        Source: Birge 1932.
+        """
         total = np.zeros((10, 10))
         for weight, belief in zip(self.weights, self.beliefs, strict=True):
             apart = belief.xi - self.xi
-            total += weight * (belief.covariance + np.outer(apart, apart))
+            wider = max(1.0, belief.surprise / len(belief.prior.mean))
+            total += weight * (wider * belief.covariance + np.outer(apart, apart))
         to_phi = log_cholesky_jacobian(self.xi)
         return np.asarray(to_phi @ total @ to_phi.T)
 
@@ -209,18 +236,33 @@ class Weighed:
         squares = np.array([belief.prior.spread**2 for belief in self.beliefs])
         return float(np.sqrt(self.weights @ squares))
 
-    @property
+    @cached_property
     def contradicts(self) -> bool:
         """Whether no reading of the shape with an even density explains the data."""
         even = [one for one in self.beliefs if one.prior.spread <= _EVEN and not one.prior.skin]
         least = min(one.surprise for one in even)
         return bool(chdtrc(9, max(least, 0.0)) < _CONTRADICTED)
 
-    @property
+    @cached_property
     def body(self) -> InertialParameters:
         """The nearest body of positive density inside the shape's hull."""
         phi = nearest_density(self.phi, self.covariance, self.prior.masses)
         return InertialParameters.from_dynamic_parameters(phi)
+
+    def parts(self, not_excited: tuple[str, ...]) -> dict[str, Any]:
+        """What it replaces in an estimate, by the names of its fields.
+
+        Args:
+            not_excited: parameters that the motion did not determine without the shape.
+        """
+        unknown = set(larger_than_body(self.body, self.covariance)) | {"mass"} & set(not_excited)
+        names = tuple(name for name in PARAMETER_NAMES if name in unknown)
+        return {
+            "inertia": self.body,
+            "covariance": self.covariance,
+            "not_excited": names,
+            "lasting": None,
+        }
 
     @property
     def where(self) -> str:
@@ -243,7 +285,7 @@ class Weighed:
         place = 1e3 * field.points[int(np.argmax(density))]
         return "({:.0f}, {:.0f}, {:.0f}) mm".format(*place)
 
-    @property
+    @cached_property
     def line(self) -> str:
         """Say what the shape adds, and whether the data contradict an even density."""
         if self.contradicts:
@@ -283,7 +325,16 @@ def nearest_density(phi: Array, covariance: Array, masses: Array) -> Array:
     return np.asarray(phi[0] * (shares @ masses + even))
 
 
-def _require_fit(seen: Seen, prior: ShapePrior) -> None:
+def require_fit(seen: Seen, prior: ShapePrior) -> None:
+    """Refuse a shape inside of which no body explains the data.
+
+    Args:
+        seen: the data.
+        prior: of the shape.
+
+    Raises:
+        BadInputError: it lies elsewhere, or is of another unit.
+    """
     rows = seen.root @ prior.masses.T
     _, misfit = nnls(rows, seen.root @ seen.phi + seen.target)
     if chdtrc(10, misfit**2) < _CANNOT_BE:
@@ -311,13 +362,6 @@ def with_shape(model: FittedModel, prior: ShapePrior) -> tuple[InertialEstimate,
         BadInputError: no body inside the shape's hull explains the data.
     """
     seen, estimate = Seen.of(model), model.to_estimate()
-    _require_fit(seen, prior)
+    require_fit(seen, prior)
     weighed = weigh(seen, prior)
-    body = weighed.body
-    unknown = set(larger_than_body(body, weighed.covariance))
-    unknown |= {"mass"} & set(estimate.not_excited)
-    names = tuple(name for name in PARAMETER_NAMES if name in unknown)
-    found = replace(
-        estimate, inertia=body, covariance=weighed.covariance, not_excited=names, lasting=None
-    )
-    return found, weighed
+    return replace(estimate, **weighed.parts(estimate.not_excited)), weighed

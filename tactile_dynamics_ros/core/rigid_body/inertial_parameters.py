@@ -224,6 +224,17 @@ class InertialParameters:
         first = self.mass * np.asarray(self.com, dtype=float)
         return np.concatenate([[self.mass], first, inertia_vector(self.inertia_origin)])
 
+    @property
+    def even_ellipsoid(self) -> tuple[Array, Array]:
+        """Semi-axes (3,), m, and directions (3, 3), a rotation, of the solid of equal inertia.
+
+        An ellipsoid of even density at the centre of mass: r_k^2 = 5 s_k / m, second moments s_k.
+        """
+        second = 0.5 * np.trace(self.inertia_com) * np.eye(3) - self.inertia_com
+        values, directions = np.linalg.eigh(second)
+        directions[:, 0] *= np.linalg.det(directions)
+        return np.sqrt(5.0 * np.maximum(values, 0.0) / self.mass), directions
+
     @cached_property
     def pseudo_inertia(self) -> Array:
         """(4, 4) pseudo-inertia about the origin."""

@@ -158,10 +158,10 @@ class FittedModel:
         return Misfit(self.whitened_rms, float(np.mean(np.log(np.concatenate(bands)))))
 
     @cached_property
-    def _coordinate_jacobian(self) -> Array:
-        """(10 + k, 10 + k) derivative of [phi, theta] by [xi, theta]."""
+    def coordinate_jacobian(self) -> Array:
+        """(10 + k, 10 + k) derivative of [phi, theta] by [xi, theta] of no flat body."""
         mapping = np.eye(self.white_jacobian.shape[1])
-        mapping[:10, :10] = log_cholesky_jacobian(self.xi)
+        mapping[:10, :10] = log_cholesky_jacobian(self.prior.opened(self.phi))
         return mapping
 
     @cached_property
@@ -174,7 +174,7 @@ class FittedModel:
     @cached_property
     def coordinate_information(self) -> tuple[Array, Array]:
         """Information of the data, without that of noise, and of the prior on [xi, theta]."""
-        mapping = self._coordinate_jacobian
+        mapping = self.coordinate_jacobian
         jacobian = self.white_jacobian
         data = mapping.T @ (jacobian.T @ jacobian - self.noise_information) @ mapping
         stds = [p.prior_std for e in self.effects for p in e.parameters(self.samples[0])]
@@ -202,7 +202,7 @@ class FittedModel:
         regressors adds scatter and no information. Source: Fuller 1987, Eq. 3.1.12.
         """
         data, prior = self.coordinate_information
-        mapping = self._coordinate_jacobian
+        mapping = self.coordinate_jacobian
         bread = np.linalg.inv(data + prior)
         to_excited = mapping @ self._excited_projection.T
         filling = data + prior + to_excited.T @ self.noise_information @ to_excited
@@ -219,7 +219,7 @@ class FittedModel:
     @cached_property
     def lasting_covariance(self) -> Array:
         """(10 + k, 10 + k) part of `covariance` that lasting errors of the sensors make."""
-        mapping = self._coordinate_jacobian
+        mapping = self.coordinate_jacobian
         lasting = (self.corrected or self.presumed_errors).covariance
         return np.asarray(mapping @ lasting @ mapping.T)
 
@@ -237,7 +237,7 @@ class FittedModel:
     def presumed_errors(self) -> PresumedErrors:
         """Lasting errors that the residuals show, on [xi, theta]."""
         data, prior = self.coordinate_information
-        rows = self.white_jacobian @ self._coordinate_jacobian @ self._excited_projection.T
+        rows = self.white_jacobian @ self.coordinate_jacobian @ self._excited_projection.T
         return PresumedErrors.of_rows(
             np.asarray(np.linalg.inv(data + prior)),
             rows,

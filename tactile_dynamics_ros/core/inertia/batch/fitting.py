@@ -15,7 +15,11 @@ from tactile_dynamics_ros.core.inertia.batch.fitted_model import (
     Stretch,
     regressor_noise_information,
 )
-from tactile_dynamics_ros.core.inertia.batch.prior import LogCholeskyPrior, contact_prior
+from tactile_dynamics_ros.core.inertia.batch.prior import (
+    LogCholeskyPrior,
+    contact_prior,
+    nearest_body,
+)
 from tactile_dynamics_ros.core.inertia.batch.systems import FactoredSystem, FullSystem
 from tactile_dynamics_ros.core.inertia.batch.uncertainty import HOLD, SCATTER, unexcited_directions
 from tactile_dynamics_ros.core.inertia.residuals.newton_euler_residual import WrenchProblem
@@ -23,7 +27,6 @@ from tactile_dynamics_ros.core.numerics.least_squares import levenberg_marquardt
 from tactile_dynamics_ros.core.numerics.noise import isolated_outlier_variance
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     dynamic_parameters_from_log_cholesky,
-    log_cholesky,
     log_cholesky_jacobian,
     pseudo_inertia,
 )
@@ -41,16 +44,11 @@ _TOLERANCE = 1e-6
 """Relative fall of the squared error below which a fit at fixed whitening has converged. The
 whitening is found again after each fit, so that more digits are not kept; half and twice as much
 changed no estimate by a thousandth of its standard deviation."""
-_FLATTEST = 0.1
-"""Smallest eigenvalue of a start's pseudo-inertia, as a share of that of a usual body: a third of
-its thickness (sqrt 0.1). Larger values start thin objects too thick, which costs steps; much
-smaller ones start where the error hardly depends on the thickness (see `fit_unfolded`). Half and
-twice as much lead to the same estimates."""
 _FLAT = 1e-2
 """Eigenvalue of the pseudo-inertia, as a share of that of a usual body, below which a fit is flat
-and is tried again from a thicker body: a tenth of its thickness (sqrt 0.01). Less than `_FLATTEST`,
-or the second start would count as flat too. A larger value costs a second fit of thin objects; a
-much smaller one leaves fits where they got stuck."""
+and is tried again from a thicker body: a tenth of its thickness (sqrt 0.01). Less than the least
+thickness of a start (`prior`), or the second start would count as flat too. A larger value costs a
+second fit of thin objects; a much smaller one leaves fits where they got stuck."""
 
 _SETTLED = 2
 """Steps of the alternation after which it is asked anew what the motion excites. After the first,
@@ -248,13 +246,6 @@ def _start(problems: Sequence[WrenchProblem], prior: LogCholeskyPrior) -> Array:
     rows = np.concatenate([matrix, np.diag(weight)])
     phi = np.linalg.lstsq(rows, np.concatenate([wrench, weight * guess]), rcond=None)[0]
     return nearest_body(phi, guess)
-
-
-def nearest_body(phi: Array, reference: Array) -> Array:
-    """Log-Cholesky coordinates of phi with the eigenvalues of its pseudo-inertia made positive."""
-    values, vectors = np.linalg.eigh(pseudo_inertia(phi))
-    floor = _FLATTEST * np.linalg.eigvalsh(pseudo_inertia(reference))
-    return log_cholesky(vectors * np.maximum(values, floor) @ vectors.T)
 
 
 def _whiten(

@@ -8,6 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
+    dynamic_parameters_from_log_cholesky,
+    log_cholesky,
+    pseudo_inertia,
+)
 
 Array = NDArray[np.float64]
 
@@ -41,6 +46,12 @@ _STD_COM = 0.5
 a hand holds anything. Half and twice as much changed no estimate by a thousandth of its standard
 deviation; a few centimetres would pull where the motion hardly tells."""
 
+_FLATTEST = 0.1
+"""Smallest eigenvalue of a start's pseudo-inertia, as a share of that of a usual body: a third of
+its thickness (sqrt 0.1). Larger values start thin objects too thick, which costs steps; much
+smaller ones start where the error hardly depends on the thickness (see `fit_unfolded`), and there
+intervals are too small: a second moment of next to nothing hardly moves with its logarithm."""
+
 
 @dataclass(frozen=True)
 class LogCholeskyPrior:
@@ -53,6 +64,13 @@ class LogCholeskyPrior:
 
     mean: Array
     std: Array
+
+    def opened(self, phi: Array) -> Array:
+        """Coordinates (10,) about which intervals of dynamic parameters phi are linear.
+
+        Those of a body that is not flat: thinner ones are made as thick as a start (`_FLATTEST`).
+        """
+        return nearest_body(phi, dynamic_parameters_from_log_cholesky(self.mean))
 
     @property
     def information(self) -> Array:
@@ -94,3 +112,10 @@ def body_prior(mass: float, points: Array, single: bool = False) -> LogCholeskyP
         [_STD_LOG_SCALE] + 3 * [_STD_LOG_RADIUS] + 3 * [_STD_SHEAR_RADII * radius] + 3 * [_STD_COM]
     )
     return LogCholeskyPrior(mean, std)
+
+
+def nearest_body(phi: Array, reference: Array) -> Array:
+    """Log-Cholesky coordinates of phi with the eigenvalues of its pseudo-inertia made positive."""
+    values, vectors = np.linalg.eigh(pseudo_inertia(phi))
+    floor = _FLATTEST * np.linalg.eigvalsh(pseudo_inertia(reference))
+    return log_cholesky(vectors * np.maximum(values, floor) @ vectors.T)

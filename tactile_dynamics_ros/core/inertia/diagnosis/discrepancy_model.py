@@ -31,7 +31,8 @@ from tactile_dynamics_ros.core.effects.present import PresentEffects
 from tactile_dynamics_ros.core.effects.registry import create_effect, registered_names
 from tactile_dynamics_ros.core.effects.sensor_zero import ZERO
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
-from tactile_dynamics_ros.core.inertia.batch.fitting import fit_model, nearest_body
+from tactile_dynamics_ros.core.inertia.batch.fitting import fit_model
+from tactile_dynamics_ros.core.inertia.batch.prior import nearest_body
 from tactile_dynamics_ros.core.inertia.batch.refinement import refine
 from tactile_dynamics_ros.core.inertia.batch.uncertainty import misfit_inflation
 from tactile_dynamics_ros.core.inertia.diagnosis.quick_fit import (

@@ -29,8 +29,10 @@ from tactile_dynamics_ros.core.inertia.live.residuals import denoise_motion
 from tactile_dynamics_ros.core.inertia.live.sample_stream import Layout, SampleStream
 from tactile_dynamics_ros.core.inertia.live.solver import DivergencePrior, SummarySolver
 from tactile_dynamics_ros.core.inertia.residuals.systematic import PresumedErrors, systematic_lever
+from tactile_dynamics_ros.core.inertia.shape_weighing import Seen, beyond_noise
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     dynamic_parameters_from_log_cholesky,
+    log_cholesky_jacobian,
 )
 
 Array = NDArray[np.float64]
@@ -67,12 +69,14 @@ sixteen seconds told, near to 1 clean samples are left out."""
 class _Knowledge:
     """Information of data and prior on xi, and covariance of phi, all (10, 10).
 
-    `excited` is the derivative of phi by the part of xi that is excited.
+    `mapping` is the derivative of phi by xi, of a body that is not flat, `excited` that by the part
+    of xi that is excited.
     """
 
     data: Array
     prior: Array
     covariance: Array
+    mapping: Array
     excited: Array
 
 
@@ -187,6 +191,11 @@ class Accumulation:
         """Information of the data, without that of noise, and of the prior on xi."""
         return self._knowledge().data, self._knowledge().prior
 
+    @property
+    def mapping(self) -> Array:
+        """Derivative (10, 10) of phi by xi, of a body that is not flat."""
+        return self._knowledge().mapping
+
     def _knowledge(self) -> _Knowledge:
         """What follows from the present summary; kept until it changes."""
         if self._known is None:
@@ -195,21 +204,23 @@ class Accumulation:
 
     def _derive(self) -> _Knowledge:
         assert self.solver is not None
-        mapping, prior = self.solver.coordinate_jacobian(), self.solver.prior_information()
+        opened = self._prior.opened(self.phi)
+        mapping, prior = log_cholesky_jacobian(opened), self.solver.prior_information(opened)
         kept = mapping @ excited_projection(self._unexcited, self._prior, len(prior)).T
         seen = self.information.factor @ kept
         noise = kept.T @ self.noise_information @ kept
         data = positive_part(seen.T @ seen - noise, prior)
         bread = mapping @ np.linalg.inv(data + prior)
         filling = data + prior + noise
-        return _Knowledge(data, prior, np.asarray(bread @ filling @ bread.T), kept)
+        return _Knowledge(data, prior, np.asarray(bread @ filling @ bread.T), mapping, kept)
 
     def presume_lasting_errors(self) -> PresumedErrors:
         """Lasting errors that the residuals show, on xi."""
         known = self._knowledge()
         load = float(self.phi[0] * np.linalg.norm(GRAVITY_W))
         inverse = np.asarray(np.linalg.inv(known.data + known.prior))
-        return self.lasting.presume(self.phi, inverse, known.excited, load)
+        mean_square = self.information.whitened_rms**2
+        return self.lasting.presume(self.phi, inverse, known.excited, load, mean_square)
 
     def corrected(self, errors: Array) -> Array:
         """Coordinates xi (10,) of the estimate without these lasting errors (q,)."""
@@ -217,6 +228,21 @@ class Accumulation:
         factor = self.information.factor
         target = self.information.target + self.lasting.in_target(errors, factor)
         return self.solver.nearby_optimum(factor, target)
+
+    def seen(self, covariance: Array, errors: Array) -> Seen:
+        """What the data alone say, to be held against other priors of the body.
+
+        Args:
+            covariance: (10, 10) of phi, with all that widens it.
+            errors: (q,) lasting ones that are taken off.
+        """
+        known, factor, phi = self._knowledge(), self.information.factor, self.phi
+        target = self.information.target + self.lasting.in_target(errors, factor)
+        slope = factor.T @ (factor @ phi - target)
+        noise = known.mapping @ np.linalg.inv(known.data + known.prior) @ known.mapping.T
+        beyond = beyond_noise(covariance, noise)
+        data = factor.T @ factor - self.noise_information
+        return Seen.of_sums(phi, data, slope, self._prior, self._unexcited, beyond)
 
     @property
     def covariance(self) -> Array:

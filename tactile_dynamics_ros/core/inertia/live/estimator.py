@@ -14,7 +14,9 @@ from tactile_dynamics_ros.core.inertia.live.config import IncrementalConfig
 from tactile_dynamics_ros.core.inertia.live.contact_queue import ContactReading
 from tactile_dynamics_ros.core.inertia.live.live_estimate import LiveEstimate
 from tactile_dynamics_ros.core.inertia.live.sample_stream import PoseNoise, SampleStream
+from tactile_dynamics_ros.core.inertia.live.shape_watch import ShapeWatch
 from tactile_dynamics_ros.core.inertia.live.summary import Summariser
+from tactile_dynamics_ros.core.inertia.shape_prior import ShapePrior
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     affine_invariant_distance,
     pseudo_inertia,
@@ -53,6 +55,7 @@ class IncrementalInertialEstimator:
         """Start without data."""
         self._config = config or IncrementalConfig()
         self._hull: CentreHull | None = None
+        self._shape: ShapeWatch | None = None
         self._problems: Counter[str] = Counter()
         self.reset()
 
@@ -74,11 +77,11 @@ class IncrementalInertialEstimator:
         )
 
     def reset(self) -> None:
-        """Forget all measurements; the hull stays, and what was counted."""
+        """Forget all measurements; hull and shape stay, and what was counted."""
         self._stream = SampleStream(self._config, self._problems)
         self._newest = -np.inf
         self._seen = 0
-        self._summariser = Summariser(self._hull)
+        self._renew_summary()
         self._model = Accumulation(self._config, self._stream)
         self._successor: Accumulation | None = None
         self._next_revision = _REVISE_SAMPLES
@@ -95,7 +98,21 @@ class IncrementalInertialEstimator:
             BadInputError: the vertices do not span a volume.
         """
         self._hull = None if vertices is None else CentreHull.of_points(vertices)
-        self._summariser = Summariser(self._hull)
+        self._renew_summary()
+
+    def set_shape(self, prior: ShapePrior | None) -> None:
+        """Hold the estimate against the shape that the body fills; None for no shape.
+
+        Args:
+            prior: of the shape, whose axes are those of the object's pose.
+        """
+        self._shape = None if prior is None else ShapeWatch(prior)
+        self._renew_summary()
+
+    def _renew_summary(self) -> None:
+        if self._shape is not None:
+            self._shape.reset()
+        self._summariser = Summariser(self._hull, self._shape)
 
     def add_pose(self, t: float, X_WO: Array, covariance: Array | None) -> None:
         """Add a pose of the object.

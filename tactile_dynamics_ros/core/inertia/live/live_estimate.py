@@ -97,6 +97,8 @@ class LiveEstimate(InertialEstimate):
         rejected: samples left out as outliers so far.
         latency: s of computing in this update.
         recent: how the model fits lately.
+        shape: what the shape of the body adds, in words; "" without one.
+        shape_doubtful: whether the data contradict it.
     """
 
     time: float
@@ -105,6 +107,8 @@ class LiveEstimate(InertialEstimate):
     rejected: int
     latency: float
     recent: RecentFit
+    shape: str = ""
+    shape_doubtful: bool = False
 
     @cached_property
     def directions(self) -> tuple[Direction, ...]:
@@ -196,4 +200,7 @@ def judge_estimate(estimate: LiveEstimate, obstacles: Sequence[str], check: str)
     text = f"{len(found)} of {len(directions)} directions identified"
     if estimate.remarks:
         text = "; ".join(estimate.remarks)
-    return Verdict(Level.OK if len(found) == len(directions) else Level.WARN, text)
+    if estimate.shape:
+        text = f"{text}; {estimate.shape}"
+    good = len(found) == len(directions) and not estimate.shape_doubtful
+    return Verdict(Level.OK if good else Level.WARN, text)

@@ -183,14 +183,10 @@ class SummarySolver:
         self._prior.hold = rows
         self._start(self._xi)
 
-    def prior_information(self) -> Array:
-        """Information (10, 10) of the prior alone on xi, at the present estimate."""
-        _, jacobian = self._prior.error(self._xi)
+    def prior_information(self, xi: Array) -> Array:
+        """Information (10, 10) of the prior alone at coordinates xi (10,)."""
+        _, jacobian = self._prior.error(xi)
         return np.asarray(jacobian.T @ jacobian)
-
-    def coordinate_jacobian(self) -> Array:
-        """Derivative (10, 10) of phi by xi at the present estimate."""
-        return log_cholesky_jacobian(self._xi)
 
     def _start(self, xi: Array) -> None:
         parameters = gtsam.ISAM2Params()

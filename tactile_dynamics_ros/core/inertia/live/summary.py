@@ -13,7 +13,11 @@ from tactile_dynamics_ros.core.inertia.batch.uncertainty import undetermined_par
 from tactile_dynamics_ros.core.inertia.live.accumulation import Accumulation
 from tactile_dynamics_ros.core.inertia.live.live_estimate import LiveEstimate
 from tactile_dynamics_ros.core.inertia.live.pipeline import misfit_factor
-from tactile_dynamics_ros.core.inertia.residuals.systematic import PresumedErrors
+from tactile_dynamics_ros.core.inertia.live.shape_watch import ShapeWatch
+from tactile_dynamics_ros.core.inertia.residuals.systematic import (
+    PresumedErrors,
+    remaining_noise,
+)
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.shape.solid import CentreHull, keep_in_hull
 
@@ -49,9 +53,9 @@ class Summariser:
     _EVERY = 10
     _TURNS = (0, 6)
 
-    def __init__(self, hull: CentreHull | None = None) -> None:
-        """Start without a past; a hull bounds the centre of mass."""
-        self._hull = hull
+    def __init__(self, hull: CentreHull | None = None, shape: ShapeWatch | None = None) -> None:
+        """Start without a past; a hull bounds the centre of mass, a shape the whole body."""
+        self._hull, self._shape = hull, shape
         self._calls = 0
         self._model: Accumulation | None = None
         self._widen = np.ones(0)
@@ -69,7 +73,9 @@ class Summariser:
         widening, excitation = self._due(model)
         if widening:
             scatter = model.scores.inflation(model.phi, covariance)
-            self._widen = np.sqrt(scatter * misfit_factor(model.information.whitened_rms))
+            rms = model.information.whitened_rms
+            scatter = np.maximum(scatter * misfit_factor(rms), remaining_noise(rms**2))
+            self._widen = np.sqrt(scatter)
         if self._presumed is None or model.samples >= self._next_presumption:
             self._presumed = model.presume_lasting_errors()
             self._next_presumption = int((1.0 + _MORE) * model.samples) + 1
@@ -80,12 +86,12 @@ class Summariser:
         xi = self._corrected(model, self._presumed.errors)
         if self._hull is not None:
             xi = keep_in_hull(xi, data + prior, self._hull)
-        mapping = solver.coordinate_jacobian()
+        mapping = model.mapping
         lasting_covariance = mapping @ self._presumed.covariance @ mapping.T
         covariance = covariance * np.outer(self._widen, self._widen) + lasting_covariance
         recent = replace(model.recent, change=self._load_change(model, covariance[0, 0]))
         covariance += recent.change**2 * np.outer(model.phi, model.phi)
-        return LiveEstimate(
+        found = LiveEstimate(
             inertia=InertialParameters.from_log_cholesky(xi),
             covariance=covariance,
             effects={},
@@ -105,6 +111,7 @@ class Summariser:
             latency=latency,
             recent=recent,
         )
+        return self._shape.hold(found, model, self._presumed.errors) if self._shape else found
 
     @staticmethod
     def _load_change(model: Accumulation, variance: float) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.inertia.shape_prior import ShapePrior
 from tactile_dynamics_ros.core.reading import read_json, read_mesh
 from tactile_dynamics_ros.core.shape.object_shape import MESH_SUFFIXES, ObjectShape, load_shape
 from tactile_dynamics_ros.core.shape.solid import Solid
@@ -26,8 +26,8 @@ _SURFACE_POINTS = 4000
 tool of 20 cm one per 3 mm. Fewer lose thin parts, more take longer to connect."""
 
 
-def read_prior(path: str | Path, pose: Array | None = None) -> ShapePrior:
-    """Read a shape as what is known of the inertia beforehand.
+def read_solid(path: str | Path, pose: Array | None = None) -> Solid:
+    """Read the volume that a shape encloses.
 
     Args:
         path: mesh (m) or yaml file of an object, cloud of points of its surface, or what
@@ -37,12 +37,11 @@ def read_prior(path: str | Path, pose: Array | None = None) -> ShapePrior:
     Raises:
         BadInputError: it cannot be read, or encloses nothing.
     """
-    path = Path(path)
-    solid = _read_solid(path)
-    return ShapePrior(solid if pose is None else solid.moved(pose))
+    solid = _read(Path(path))
+    return solid if pose is None else solid.moved(pose)
 
 
-def _read_solid(path: Path) -> Solid:
+def _read(path: Path) -> Solid:
     name, suffix = path.name, path.suffix.lower()
     if suffix == ".json":
         return Solid.of_shape(_read_parts(path), name)
@@ -76,13 +75,25 @@ def _read_parts(path: Path) -> ObjectShape:
             Superquadric(*(np.array(part[key], dtype=float) for key in _KEYS))
             for part in document["parts"]
         ]
-        first = np.linalg.inv(found[0].pose)
+        parts = in_first(found)
     except (KeyError, TypeError, ValueError, IndexError, np.linalg.LinAlgError) as error:
         raise BadInputError(
             f"{path}: {error!r}; expected `parts` as `tactile-dynamics shape --json` prints them"
         ) from error
-    parts = [Superquadric(p.semi_axes, p.exponents, p.taper, first @ p.pose) for p in found]
     return ObjectShape([SuperquadricSurface(part) for part in parts])
+
+
+def in_first(parts: Sequence[Superquadric]) -> list[Superquadric]:
+    """The same parts, their poses in the axes of the first.
+
+    Args:
+        parts: in any common frame.
+
+    Raises:
+        LinAlgError: the first has no axes.
+    """
+    first = np.linalg.inv(parts[0].pose)
+    return [Superquadric(p.semi_axes, p.exponents, p.taper, first @ p.pose) for p in parts]
 
 
 _KEYS = ("semi_axes_m", "exponents", "taper", "pose")
