@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tactile_dynamics_ros.api.properties import (
     Properties,
@@ -18,6 +17,7 @@ from tactile_dynamics_ros.api.properties import (
 )
 from tactile_dynamics_ros.api.questions import Question
 from tactile_dynamics_ros.api.result import ReportedResult, Rows, align_rows
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.discrepancy.verdict.wording import join_names, write_p_value
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.progress import tell
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from tactile_dynamics_ros.report.discrepancy_report import DiscrepancyFindings
     from tactile_dynamics_ros.report.page import Section
 
-Array = NDArray[np.float64]
 
 _SHOWN = 5
 """Candidates in the lines of a diagnosis; the document has all. What ranks lower has never been the

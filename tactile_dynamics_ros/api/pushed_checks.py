@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tactile_dynamics_ros.api.pushed_estimates import EstimateOfPushes
 from tactile_dynamics_ros.api.readiness import GOAL, Readiness, lost_faults
 from tactile_dynamics_ros.api.result import Rows
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.inertia.excitation.addition import WORTH
 from tactile_dynamics_ros.core.planar.actions.affordances import ExploreConfig
@@ -27,8 +27,6 @@ from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate,
 from tactile_dynamics_ros.core.planar.properties.optimum import VARIATIONS
 from tactile_dynamics_ros.core.planar.properties.push_model import USUAL_UNEVENNESS
 from tactile_dynamics_ros.recording.rates import StreamRate
-
-Array = NDArray[np.float64]
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

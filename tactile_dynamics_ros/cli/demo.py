@@ -317,8 +317,6 @@ def start_processes(
     }
     if motion is not None:
         extra["grasp_controller"]["motion"] = motion
-    if args.hidden == "none":  # a misfit would pass for an uneven density
-        extra["inertial_estimator"] = {"shape": args.object}
     supervisor.start("recorder", verb_command("record", str(out / "recording")))
     start_view(supervisor, getattr(args, "view", None), say)
     for name, file in files.items():

@@ -17,7 +17,7 @@ from tactile_dynamics_ros.api.result import align_rows
 from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.discrepancy.verdict.wording import join_names
 from tactile_dynamics_ros.core.effects import create_effects
-from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
+from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import (
     PARAMETER_NAMES,
@@ -25,19 +25,15 @@ from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import (
 )
 from tactile_dynamics_ros.core.inertia.batch.knowledge import beside_rivals, say_rivals
 from tactile_dynamics_ros.core.inertia.estimate import estimate, estimate_rivals
-from tactile_dynamics_ros.core.inertia.shape_prior import ShapePrior
-from tactile_dynamics_ros.core.inertia.shape_weighing import with_shape
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.rigid_body.rotation import quaternion_to_matrix
 from tactile_dynamics_ros.recording import Recording
-from tactile_dynamics_ros.recording.shape_files import read_solid
 from tactile_dynamics_ros.recording.topics import OBJECT_POSE
 from tactile_dynamics_ros.report.estimate_report import write_estimate_report
 from tactile_dynamics_ros.report.estimates import PARAMETERS, SHOWN_PARAMETERS, EstimateHistory
 from tactile_dynamics_ros.report.measurements import draw_summary
 from tactile_dynamics_ros.report.page import Picture, Section
 from tactile_dynamics_ros.report.style import house_style
-from tactile_dynamics_ros.share import object_file
 
 Document = dict[str, Any]
 
@@ -195,11 +191,10 @@ def summarise_demo(
         A document for --json.
     """
     recording = Recording.from_bag(out / "recording")
-    shape = None if found else ShapePrior(read_solid(object_file(truth["object"])))
-    model, effects = _estimate(recording, found.effects if found else (), shape, say)
+    model, effects = _estimate(recording, found.effects if found else (), say)
     groups = found.offline["groups"] if found and found.offline else {}
     rivals = estimate_rivals(recording, effects, groups)
-    alone = model.to_estimate() if shape is None else _shaped(model, shape, say)
+    alone = model.to_estimate()
     offline = beside_rivals(alone, tuple(rivals.values()))
     body = InertialParameters(truth["mass"], np.array(truth["com"]), np.array(truth["inertia_com"]))
     say(_comparison(history, offline, body))
@@ -234,28 +229,16 @@ def summarise_demo(
 def _estimate(
     recording: Recording,
     effects: Sequence[str],
-    shape: ShapePrior | None,
     say: Callable[[str], None],
 ) -> tuple[FittedModel, Sequence[str]]:
     """Return the fit with effects, or of the body alone where that has none, and its effects."""
     try:
-        return estimate(recording, create_effects(effects), shape=shape), effects
+        return estimate(recording, create_effects(effects)), effects
     except TactileDynamicsError as error:
         if not effects:
             raise
         say(f"no estimate with {', '.join(effects)} ({error}); of the rigid body alone instead")
         return estimate(recording), ()
-
-
-def _shaped(model: FittedModel, shape: ShapePrior, say: Callable[[str], None]) -> InertialEstimate:
-    """Return the estimate together with the shape, or of the motion alone where that is refused."""
-    try:
-        found, weighed = with_shape(model, shape)
-    except BadInputError as error:
-        say(f"{error}; from the motion alone instead")
-        return model.to_estimate()
-    say(weighed.line)
-    return found
 
 
 def _introduce(

@@ -11,11 +11,11 @@ from functools import partial
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
-from numpy.typing import NDArray
 from rclpy.task import Future as RosFuture
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import NotIdentifiableError, TactileDynamicsError
 from tactile_dynamics_ros.core.planar.actions.affordances import ExploreConfig
 from tactile_dynamics_ros.core.planar.actions.directions import DirectionExplorer
@@ -64,8 +64,6 @@ from tactile_dynamics_ros.ros.table_scene import (
     tip_pose,
 )
 from tactile_dynamics_ros.ros.wire import Stamp
-
-Array = NDArray[np.float64]
 
 GAP = 0.006
 """Between tip and object before a push, m: outlines from cameras are right to 2 mm."""

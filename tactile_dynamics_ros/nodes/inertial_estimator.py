@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import InertiaStamped
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.friction.probe_config import cone_share, distance_beyond
 from tactile_dynamics_ros.core.inertia.live import (
@@ -47,8 +47,6 @@ from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
 from tactile_dynamics_ros.ros.statuses import status_of, waiting_status
 from tactile_dynamics_ros.ros.typed_messages import estimate_message, typed_publisher
 from tactile_dynamics_ros.share import object_file
-
-Array = NDArray[np.float64]
 
 TOPIC = "topic"
 """Value of the parameter `shape` for the shape that is published. A file of this name would need a

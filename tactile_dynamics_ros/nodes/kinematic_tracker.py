@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, WrenchStamped
-from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.rigid_body.rotation import twice
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
@@ -48,8 +48,6 @@ from tactile_dynamics_ros.ros.robot import JointHistory, declare_robot
 from tactile_dynamics_ros.ros.shape_messages import ObjectFrame
 from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
 from tactile_dynamics_ros.ros.wire import Joints, Stamped
-
-Array = NDArray[np.float64]
 
 WORLD = "world"
 _ORIGIN = np.zeros(3)

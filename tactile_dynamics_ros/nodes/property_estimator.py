@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
-from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
@@ -27,8 +26,6 @@ from tactile_dynamics_ros.ros.pushing_streams import PushingStreams
 from tactile_dynamics_ros.ros.shape_messages import EstimateMarkers
 from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
 from tactile_dynamics_ros.ros.statuses import property_status
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

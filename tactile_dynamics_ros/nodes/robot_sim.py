@@ -15,12 +15,12 @@ from geometry_msgs.msg import (
     Vector3Stamped,
     WrenchStamped,
 )
-from numpy.typing import NDArray
 from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image, JointState
 from std_msgs.msg import Float64, String
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.ros.arm_scene import ArmScene
@@ -71,7 +71,6 @@ if TYPE_CHECKING:
     from tactile_dynamics_ros.sim.planar.simulated_table import TableReadings
     from tactile_dynamics_ros.sim.simulated_robot import Readings
 
-Array = NDArray[np.float64]
 
 PERIOD = 0.01
 AHEAD = 2.0

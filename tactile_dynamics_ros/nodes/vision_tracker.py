@@ -16,6 +16,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image, JointState
 from std_msgs.msg import Float64
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.rigid_body.rotation import rpy_to_matrix
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
@@ -53,8 +54,6 @@ from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
 from tactile_dynamics_ros.ros.table_following import PoseHistory, load_volume, tracker_of
 from tactile_dynamics_ros.ros.wire import Joints, Picture, Stamped
 from tactile_dynamics_ros.share import object_file
-
-Array = NDArray[np.float64]
 
 WORLD = "world"
 NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped, WrenchStamped
-from numpy.typing import NDArray
 from sensor_msgs.msg import Imu
 from std_msgs.msg import Bool
 
@@ -37,8 +36,6 @@ from tactile_dynamics_ros.ros.shell import Shell, run_node
 from tactile_dynamics_ros.ros.stated_noise import read_tracked_pose
 from tactile_dynamics_ros.ros.stream_clock import StreamClock
 from tactile_dynamics_ros.ros.wire import Stamped
-
-Array = NDArray[np.float64]
 
 LOOK = 0.1
 """Time between looks at the load, s: a change of it is said that much late at most."""

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.reading import read_json, read_mesh
 from tactile_dynamics_ros.core.shape.object_shape import MESH_SUFFIXES, ObjectShape, load_shape
@@ -18,8 +18,6 @@ from tactile_dynamics_ros.core.shape.superquadric.superquadric import (
     SuperquadricSurface,
 )
 from tactile_dynamics_ros.recording.clouds import read_clouds
-
-Array = NDArray[np.float64]
 
 _SURFACE_POINTS = 4000
 """Points of a mesh that is not closed or turned inside out, which is then read as a cloud: on a

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.report.estimates import draw_vector, running_mean
 from tactile_dynamics_ros.report.style import (
     AXIS_COLOURS,
@@ -26,8 +26,6 @@ from tactile_dynamics_ros.report.style import (
     new_figure,
     thinning,
 )
-
-Array = NDArray[np.float64]
 
 _MOST_CANDIDATES = 10
 """Candidates in the figure, best first: the others are far from the best."""

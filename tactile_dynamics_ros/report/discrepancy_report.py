@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.discrepancy.documents import group_clause
 from tactile_dynamics_ros.core.discrepancy.verdict.wording import (
     capitalise,
@@ -30,8 +30,6 @@ from tactile_dynamics_ros.report.discrepancies import (
 )
 from tactile_dynamics_ros.report.page import Page, Picture, Section, write_page
 from tactile_dynamics_ros.report.style import house_style
-
-Array = NDArray[np.float64]
 
 _MOST_ROWS = 10
 """Rows of the table of candidates: as many as the figure beside it shows."""

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import (
     PARAMETER_NAMES,
     describe_parameter,
@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
     from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import InertialEstimate
 
-Array = NDArray[np.float64]
 
 PARAMETERS = 10
 

@@ -8,13 +8,10 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from tactile_dynamics_ros.report.page import Page, Picture, Section, write_page
 from tactile_dynamics_ros.report.pushes import closed
 from tactile_dynamics_ros.report.style import BLUE, GREEN, ORANGE, house_style, new_figure
-
-Array = NDArray[np.float64]
 
 COMPARED = ("friction_force_n", "mass", "friction", "com_x", "com_y")
 UNITS = {"friction_force_n": "N", "mass": "kg", "friction": "", "com_x": "m", "com_y": "m"}

@@ -8,13 +8,11 @@ from functools import cached_property
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from scipy import stats
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.report.page import Link, Picture, Section
 from tactile_dynamics_ros.report.style import BLUE, ORANGE, RED, house_style, new_figure
-
-Array = NDArray[np.float64]
 
 FALSE_ALARMS = 0.05
 """Probability that a page names anything though no robot has changed: shared by all that is tested

@@ -9,6 +9,7 @@ from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     InertialParameters,
@@ -30,8 +31,6 @@ from tactile_dynamics_ros.report.style import (
     new_figure,
     thinning,
 )
-
-Array = NDArray[np.float64]
 
 MILLI = 1e3
 _PANEL_HEIGHT = 1.25

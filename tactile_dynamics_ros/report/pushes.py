@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Ellipse
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.mechanics.linkage import placed
 from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, PushedStreams
 from tactile_dynamics_ros.report.page import Page, Picture, Section, write_page
@@ -27,7 +27,6 @@ from tactile_dynamics_ros.report.style import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 Number = tuple[float, float]
 Centre = tuple[Number, Number]
 """Value and standard deviation of each coordinate of the centre of mass in the link's frame, m."""

@@ -8,9 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.report.style import BLUE, ORANGE, new_figure, thinning
-
-Array = NDArray[np.float64]
 
 
 def draw_shape(points: Array, surfaces: Sequence[tuple[Array, NDArray[np.intp]]]) -> Figure:

@@ -14,9 +14,9 @@ from geometry_msgs.msg import (
     Vector3Stamped,
     WrenchStamped,
 )
-from numpy.typing import NDArray
 from std_msgs.msg import Float64
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contact.contact_state import (
     OutlineContact,
     OutlineContactConfig,
@@ -48,8 +48,6 @@ from tactile_dynamics_ros.ros.pusher_streams import (
 from tactile_dynamics_ros.ros.robot import JointHistory
 from tactile_dynamics_ros.ros.shell import LATCHED, Shell
 from tactile_dynamics_ros.ros.wire import Stamp, Stamped
-
-Array = NDArray[np.float64]
 
 WAITING = 200
 LINKS = ("link_1", "link_2")

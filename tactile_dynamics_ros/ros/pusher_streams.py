@@ -15,10 +15,10 @@ from geometry_msgs.msg import (
     Vector3Stamped,
     WrenchStamped,
 )
-from numpy.typing import NDArray
 from rclpy.publisher import Publisher
 from std_msgs.msg import Float64
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.ros.conversions import (
@@ -37,8 +37,6 @@ from tactile_dynamics_ros.ros.names import (
 )
 from tactile_dynamics_ros.ros.shell import Shell
 from tactile_dynamics_ros.ros.wire import AnyStamp
-
-Array = NDArray[np.float64]
 
 WORLD, PUSHER_FRAME = "world", "pusher"
 

@@ -16,8 +16,8 @@ from geometry_msgs.msg import (
     Vector3Stamped,
     WrenchStamped,
 )
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.filter.tracker import Felt, touches
 from tactile_dynamics_ros.core.streams.stamps import Reordered
 from tactile_dynamics_ros.ros.conversions import (
@@ -38,8 +38,6 @@ from tactile_dynamics_ros.ros.shell import LATCHED, Shell
 from tactile_dynamics_ros.ros.stated_noise import read_force_std, read_tracked_pose
 from tactile_dynamics_ros.ros.stream_clock import StreamClock
 from tactile_dynamics_ros.ros.wire import Stamped
-
-Array = NDArray[np.float64]
 
 WORLD = "world"
 HOLD = 0.03

@@ -15,7 +15,6 @@ from geometry_msgs.msg import (
     Vector3Stamped,
     WrenchStamped,
 )
-from numpy.typing import NDArray
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
@@ -23,6 +22,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 from visualization_msgs.msg import MarkerArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.rigid_body.rotation import quaternion_to_matrix
 from tactile_dynamics_ros.ros.conversions import to_seconds
 from tactile_dynamics_ros.ros.diagnostics import Statuses
@@ -55,8 +55,6 @@ from tactile_dynamics_ros.view.state import (
     take_progress,
     take_property_status,
 )
-
-Array = NDArray[np.float64]
 
 _NEWEST = QoSProfile(
     history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.BEST_EFFORT

@@ -10,15 +10,13 @@ from io import StringIO
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from viser import ViserServer, uplot
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion
 from tactile_dynamics_ros.view.gate import Gate
 from tactile_dynamics_ros.view.robot import RobotFigure
 from tactile_dynamics_ros.view.state import Body, Force, Push, Quantity, State, error_marks
-
-Array = NDArray[np.float64]
 
 METRES_PER_NEWTON = 0.02
 """Length of a force's arrow: fingertips press with 1 to 5 N, which is as long as an object."""

@@ -11,11 +11,11 @@ from operator import itemgetter
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rosbags.typesys import Stores, get_typestore
 
 from tactile_dynamics_ros.api.discrepancies import Diagnosis
 from tactile_dynamics_ros.api.questions import question_pushed
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.inertia.live.live_estimate import MISFIT
 from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate, estimate
@@ -43,8 +43,6 @@ from tactile_dynamics_ros.view.state import (
     take_properties,
     take_property_status,
 )
-
-Array = NDArray[np.float64]
 
 _NEAR = 0.1
 """Distance of a sample, s, up to which it is shown for a time: twice the period of slow loggers.

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 from viser import SceneApi
 
 from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion, pose_of
@@ -19,8 +18,6 @@ from tactile_dynamics_ros.core.robot.kinematic_tree import (
 )
 from tactile_dynamics_ros.core.robot.robot import Following
 from tactile_dynamics_ros.share import find_package_file
-
-Array = NDArray[np.float64]
 
 _MATERIAL = (150, 158, 168)
 """Colour of links; grey, so that forces and object stand out."""

@@ -12,15 +12,14 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     InertialParameters,
     inertia_matrix,
 )
 from tactile_dynamics_ros.ros.diagnostics import OK, Statuses, status_values
 
-Array = NDArray[np.float64]
 Span = tuple[float, float]
 
 KEPT = 600

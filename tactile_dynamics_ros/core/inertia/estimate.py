@@ -7,9 +7,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.effects.registry import create_effects
 from tactile_dynamics_ros.core.effects.sensor_zero import with_zero
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
@@ -27,7 +25,6 @@ from tactile_dynamics_ros.core.streams.streams import Streams
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.effects.effect import Effect
 
-Array = NDArray[np.float64]
 
 FROM_SHAPE = 2
 """Rounds of the alternation that follow when a fit begins anew from a shape: the noise is known

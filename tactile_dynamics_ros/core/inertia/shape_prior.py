@@ -15,18 +15,16 @@ from functools import cached_property
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.inertia.batch.prior import LogCholeskyPrior
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     dynamic_parameters_from_pseudo_inertia,
     pseudo_inertia,
 )
 from tactile_dynamics_ros.core.shape.solid import Solid, Volume
-
-Array = NDArray[np.float64]
 
 SPREADS = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)
 """Standard deviations of the logarithm of density that are weighed: from a cast block to a steel

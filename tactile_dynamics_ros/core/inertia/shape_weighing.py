@@ -7,11 +7,11 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.optimize import nnls
 from scipy.special import chdtrc, logsumexp
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import (
@@ -32,8 +32,6 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     dynamic_parameters_from_log_cholesky,
     log_cholesky_jacobian,
 )
-
-Array = NDArray[np.float64]
 
 _EVEN = 0.1
 """Spread up to which a body counts as even, for the question whether data contradict the shape:

@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     dynamic_parameters_from_pseudo_inertia,
@@ -19,8 +19,6 @@ from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor
 from tactile_dynamics_ros.core.rigid_body.rotation import cross, exp_so3, pose_of
 from tactile_dynamics_ros.core.robot.kinematic_tree import carried, chain, parse_urdf, read_tree
 from tactile_dynamics_ros.core.robot.robot import Joint
-
-Array = NDArray[np.float64]
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 """Gravity in the arm's base, m/s^2: z up, as everywhere here. An arm on a wall or a ceiling needs a

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.joints.effects import (
     JOINTS,
@@ -17,8 +17,6 @@ from tactile_dynamics_ros.core.joints.effects import (
     ReadingGroup,
 )
 from tactile_dynamics_ros.core.joints.situation import Situation
-
-Array = NDArray[np.float64]
 
 _STEP = 1e-4
 """Step of central differences along the logarithm of a time; their error is its square."""

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.joints.arm import Arm
 from tactile_dynamics_ros.core.joints.noise import dispersion
 from tactile_dynamics_ros.core.joints.samples import JointSamples
 from tactile_dynamics_ros.core.streams.joint_streams import JointStreams
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 NAMES = ("torque_sign", "torque_unit", "drive_units")

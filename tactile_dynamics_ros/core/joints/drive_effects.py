@@ -7,8 +7,8 @@ from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.joints.effects import (
     JOINTS,
@@ -18,8 +18,6 @@ from tactile_dynamics_ros.core.joints.effects import (
 )
 from tactile_dynamics_ros.core.joints.samples import JointSamples
 from tactile_dynamics_ros.core.joints.situation import Situation
-
-Array = NDArray[np.float64]
 
 _RIPPLES = np.arange(6.0, 341.0)
 """Waves per turn of a joint that are tried: from what no rigid body or payload makes (1 and 2 a

@@ -9,13 +9,11 @@ from itertools import combinations
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.effects.registry import CatalogueEntry, EffectRegistry, entry_of
 from tactile_dynamics_ros.core.joints.situation import Situation
-
-Array = NDArray[np.float64]
 
 _STEP = 1e-5
 """Step of central differences along the logarithm of a shape; their error is its square."""

@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contract import central_differences
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.joints.arm import Arm
@@ -25,8 +25,6 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     log_cholesky,
 )
 from tactile_dynamics_ros.core.streams.joint_streams import JointStreams
-
-Array = NDArray[np.float64]
 
 NAMES = (
     *("mass", "com_x", "com_y", "com_z"),

@@ -6,16 +6,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.joints.arm import Arm
 from tactile_dynamics_ros.core.joints.model import JointsModel
 from tactile_dynamics_ros.core.joints.prior import FRICTION_STD, USUAL_SHARE, BodyPrior, all_columns
 from tactile_dynamics_ros.core.numerics.search import SearchConfig, evolve
-
-Array = NDArray[np.float64]
 
 _WAVES = 5
 """Sines of each joint: their ten numbers make reversals at many places; fewer repeat themselves,

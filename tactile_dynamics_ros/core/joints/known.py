@@ -7,13 +7,11 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.joints.effects import JOINTS, JointEffect
 from tactile_dynamics_ros.core.joints.model import JointsModel
-
-Array = NDArray[np.float64]
 
 _KIND = "joints"
 """What the document says that it is; fixed, so that other files of estimates are refused."""

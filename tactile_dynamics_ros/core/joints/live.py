@@ -7,16 +7,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.joints.arm import Arm
 from tactile_dynamics_ros.core.joints.known import KnownArm
 from tactile_dynamics_ros.core.joints.samples import JointSamples
 from tactile_dynamics_ros.core.joints.situation import Situation
-
-Array = NDArray[np.float64]
 
 WITH_HISTORY = ("backlash", "friction_warming", "torque_delay", "torque_drift")
 """Effects that depend on what happened before the last tenth of a second: a live model leaves them

@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.discrepancy.model.least_squares import LeastSquaresModel
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
     Convention,
@@ -44,8 +44,6 @@ from tactile_dynamics_ros.core.joints.prior import (
 from tactile_dynamics_ros.core.joints.samples import JointSamples
 from tactile_dynamics_ros.core.joints.situation import Situation, conditions_of
 from tactile_dynamics_ros.core.numerics.banded import BandedWhitener
-
-Array = NDArray[np.float64]
 
 _ROUNDS = 4
 """Rounds of fit and noise: the floors of a residual settle to 1 % in three."""

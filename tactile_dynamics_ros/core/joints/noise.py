@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import lapack
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.joints.samples import JointSamples
 from tactile_dynamics_ros.core.numerics.banded import VARIANCE_FLOOR, BandedWhitener
 from tactile_dynamics_ros.core.numerics.noise import white_noise_std
-
-Array = NDArray[np.float64]
 
 _AT_REVERSAL = 0.5
 """Std of the friction in a block in which a joint turns back, over its Coulomb friction: a law of

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.joints.arm import Arm
 from tactile_dynamics_ros.core.joints.samples import JointSamples
 from tactile_dynamics_ros.core.numerics.banded import BandedWhitener
@@ -15,8 +16,6 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     dynamic_parameters_from_pseudo_inertia,
     pseudo_inertia,
 )
-
-Array = NDArray[np.float64]
 
 SHARES = (0.1, 0.2, 0.4)
 """How far the bodies of a URDF may be off, as a relative std, from which the recording chooses:

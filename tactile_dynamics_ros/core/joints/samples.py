@@ -9,13 +9,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.joints.arm import Arm, Motion
 from tactile_dynamics_ros.core.numerics.local_polynomial import typical_period
 from tactile_dynamics_ros.core.numerics.noise import white_noise_std
 from tactile_dynamics_ros.core.streams.joint_streams import JointStreams
-
-Array = NDArray[np.float64]
 
 _BLOCK = 0.04
 """Length of a block, s: 25 blocks a second, so that torques that follow a motion of up to 2 Hz and

@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Condition
 from tactile_dynamics_ros.core.joints.arm import Motion
 from tactile_dynamics_ros.core.joints.samples import JointSamples
-
-Array = NDArray[np.float64]
 
 _MOST_JOINTS = 3
 """Joints whose motion errors are held against: more would find by chance what goes together."""

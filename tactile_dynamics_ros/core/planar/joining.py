@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, PushedStreams
-
-Array = NDArray[np.float64]
 
 _PAUSE = 10.0
 """Time between joined recordings, s: longer than any gap across which a motion is followed, so that

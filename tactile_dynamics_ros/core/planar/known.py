@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from tactile_dynamics_ros.core.array import Array
 
 KNOWN_NAMES = ("ln_friction_force", "ln_mass", "com_x", "com_y")
 """What is remembered, in the order of covariances of estimates; files have these names, so that

@@ -11,14 +11,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError, nearest
 from tactile_dynamics_ros.core.planar.mechanics.linkage import in_frame
 from tactile_dynamics_ros.core.planar.mechanics.outline import area_and_centroid
 from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, PushedStreams
-
-Array = NDArray[np.float64]
 
 _PRESSES = 3.0
 """Force that counts as a touch, in standard deviations of its noise, or of 0.03 N."""

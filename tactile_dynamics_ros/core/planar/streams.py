@@ -10,9 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from tactile_dynamics_ros.core.array import Array
 
 _USUAL_FORCE_STD, _USUAL_POINT_STD = 0.03, 3e-4
 """Noise of force, N, and contact point, m, presumed where none is stated: of a good 3-axis pad and

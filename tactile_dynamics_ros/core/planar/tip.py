@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
 from tactile_dynamics_ros.core.planar.mechanics.outline import edge_normals, nearest_edge
 from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact
-
-Array = NDArray[np.float64]
 
 _MOVES = 0.01
 """m/s from which an object counts as moved: poses of 0.5 mm over the tenth of a second that is

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rosbags.typesys import Stores, get_typestore
 
 from tactile_dynamics_ros.core.errors import BadInputError
@@ -20,8 +19,6 @@ from tactile_dynamics_ros.recording.bag_writer import write_tables
 from tactile_dynamics_ros.recording.cleaning import ranked_lines
 from tactile_dynamics_ros.recording.joints.states import JOINT_STATE, decode_states, encode_states
 from tactile_dynamics_ros.recording.topics import ROBOT_DESCRIPTION
-
-Array = NDArray[np.float64]
 
 TABLES = (".csv", ".txt", ".tsv")
 """Ends of the names of tables with a column for each joint's position and torque."""

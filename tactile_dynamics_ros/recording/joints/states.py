@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.typesys import Stores, get_typestore
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.recording.cdr import ENCAPSULATION, LITTLE_ENDIAN, NANOSECONDS
-
-Array = NDArray[np.float64]
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 _STAMP = ENCAPSULATION

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.joints.conventions import JointReading, read_currents
 from tactile_dynamics_ros.core.robot.kinematic_tree import read_tree
 from tactile_dynamics_ros.core.streams.joint_streams import JointStreams
 from tactile_dynamics_ros.recording.importers.tables.table import Table, read_table
 
-Array = NDArray[np.float64]
 Remap = Mapping[str, str | Sequence[str]]
 
 _WORDS = {

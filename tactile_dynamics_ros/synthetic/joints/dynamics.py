@@ -6,10 +6,9 @@ from dataclasses import dataclass, replace
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
+from tactile_dynamics_ros.core.array import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,11 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.synthetic.joints.dynamics import Dynamics
-
-Array = NDArray[np.float64]
 
 
 @dataclass

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.streams.joint_streams import JointStreams
 from tactile_dynamics_ros.synthetic.joints.dynamics import (
     Dynamics,
@@ -18,8 +18,6 @@ from tactile_dynamics_ros.synthetic.joints.dynamics import (
 )
 from tactile_dynamics_ros.synthetic.joints.effects import CATALOGUE, LAST, OUTSIDE, Drives
 from tactile_dynamics_ros.synthetic.randomness import stream
-
-Array = NDArray[np.float64]
 
 _GRAVITY = np.array([0.0, 0.0, -9.81])
 _FRICTION = 0.02

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.numerics.local_polynomial import typical_period
 from tactile_dynamics_ros.core.rigid_body.rotation import nearest_rotation
 from tactile_dynamics_ros.core.streams.streams import ContactStream, ImuStream, PoseStream, Streams
-
-Array = NDArray[np.float64]
 
 FAST = 125.0
 """Rate, Hz, to which faster streams are averaged. A motion of 2 Hz loses 4e-4 of itself in a mean

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
@@ -27,9 +26,6 @@ from tactile_dynamics_ros.core.streams.streams import Streams
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.effects.effect import Effect
-
-
-Array = NDArray[np.float64]
 
 
 _FEWEST = 500

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W, WrenchSamples
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Misfit
 from tactile_dynamics_ros.core.effects.present import PresentEffects
@@ -45,8 +46,6 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.effects.effect import Effect
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

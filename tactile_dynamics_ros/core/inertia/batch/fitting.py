@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.effects.present import PresentEffects
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import (
     FittedModel,
@@ -34,7 +34,6 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.effects.effect import Effect
 
-Array = NDArray[np.float64]
 
 _MOST_STEPS = 20
 """Steps of one fit at fixed whitening, at most. `_TOLERANCE` ends most fits before: 10 and 40 gave

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contract import central_differences
 from tactile_dynamics_ros.core.numerics.regime import split_label
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
@@ -19,7 +19,6 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.effects.effect import Effect
 
-Array = NDArray[np.float64]
 
 PARAMETER_NAMES = (
     "mass",

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.inertia.batch.batch import BatchConfig
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
@@ -14,8 +13,6 @@ from tactile_dynamics_ros.core.inertia.residuals.newton_euler_residual import Wr
 from tactile_dynamics_ros.core.numerics.noise import white_pose_noise_std
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 from tactile_dynamics_ros.core.streams.streams import PoseStream, Streams
-
-Array = NDArray[np.float64]
 
 _SEED = 7
 """Seed of the noise that is added, so that the same recording gives the same interval. Another one

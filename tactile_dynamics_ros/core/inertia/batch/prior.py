@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     dynamic_parameters_from_log_cholesky,
     log_cholesky,
     pseudo_inertia,
 )
-
-Array = NDArray[np.float64]
 
 _SMALLEST_RADIUS = 0.02
 """Radius of gyration, m, that the prior presumes at least, where contacts lie closer together. Two

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Misfit
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
 from tactile_dynamics_ros.core.inertia.batch.fitting import (
@@ -15,8 +15,6 @@ from tactile_dynamics_ros.core.inertia.batch.fitting import (
     fit_trusting,
     fit_unfolded,
 )
-
-Array = NDArray[np.float64]
 
 _MOST_ROUNDS = 7
 """Rounds of two further iterations of a thorough fit, at most. Most end by `_SETTLED` and `_NEAR`;

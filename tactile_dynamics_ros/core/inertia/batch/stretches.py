@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.batch.batch import BatchConfig, fit_problems, fit_recording
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel, Survey
@@ -20,7 +20,6 @@ from tactile_dynamics_ros.core.streams.streams import Streams
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.effects.effect import Effect
 
-Array = NDArray[np.float64]
 
 STRETCH = 30.0
 """Length of a stretch of a long recording, s: that for which the estimators and the diagnosis are

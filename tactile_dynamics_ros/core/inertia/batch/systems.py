@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.effects.present import PresentEffects
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import Stretch, whiten_stretches
 from tactile_dynamics_ros.core.inertia.residuals.repeated_whitening import RepeatedWhitening
@@ -16,8 +16,6 @@ from tactile_dynamics_ros.core.numerics.least_squares import rotated
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.effects.effect import Effect
-
-Array = NDArray[np.float64]
 
 
 class FactoredSystem:

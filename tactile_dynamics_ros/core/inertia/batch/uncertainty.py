@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import eigh
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import PARAMETER_NAMES
 from tactile_dynamics_ros.core.inertia.batch.prior import LogCholeskyPrior
 from tactile_dynamics_ros.core.inertia.residuals.systematic import remaining_noise
@@ -16,8 +16,6 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     inertia_vector,
     log_cholesky_jacobian,
 )
-
-Array = NDArray[np.float64]
 
 _SCORE_BLOCK = 300
 """White numbers of a block over which scores are summed: six of each sample, half a second at 100

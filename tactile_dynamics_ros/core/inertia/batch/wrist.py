@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import (
@@ -23,8 +23,6 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
 from tactile_dynamics_ros.core.rigid_body.rotation import skew
 from tactile_dynamics_ros.core.streams.streams import PoseStream, places_at
 from tactile_dynamics_ros.core.tracking.pose_fusion import average_poses
-
-Array = NDArray[np.float64]
 
 _FEWEST_POSES = 10
 """Poses of object and flange at one time, at least, of which the grip is averaged: how far it gives

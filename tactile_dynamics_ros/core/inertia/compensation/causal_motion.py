@@ -13,12 +13,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3
-
-Array = NDArray[np.float64]
 
 _RATIOS = 10.0 ** np.arange(3.0, 16.0)
 """Densities of the jerk over the variance of a pose, 1/s^5: from 1 (m/s^3)^2 s seen with 30 mm to

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from tactile_dynamics_ros.core.array import Array
 
 MEMORIES = (0.25, 1.0)
 """Times over which contact wrenches are forgotten, s: a load that changes at once explains nine

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W, WrenchSamples
 from tactile_dynamics_ros.core.effects import create_effect
 from tactile_dynamics_ros.core.effects.check import example_inertia, example_samples
@@ -20,8 +21,6 @@ from tactile_dynamics_ros.core.inertia.compensation.changed_load import MEMORIES
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import KnownBody
 from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor
 from tactile_dynamics_ros.core.rigid_body.rotation import cross
-
-Array = NDArray[np.float64]
 
 _EXAMPLE = 40
 """Samples on which it is tried whether an effect needs others than the present one, 0.4 s. More try

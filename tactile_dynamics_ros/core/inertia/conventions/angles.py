@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.conventions.reading import Reading, rotation_at, with_pose
 from tactile_dynamics_ros.core.streams.streams import Streams, nearest_samples, on_lines
-
-Array = NDArray[np.float64]
 
 _ORDERS = {"xyz": "roll, pitch, yaw", "XYZ": "angles about x, y, z"}
 """Orders of three angles that people use: about fixed axes, about the axes of the body. Tait-Bryan

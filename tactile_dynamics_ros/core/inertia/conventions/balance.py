@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.inertia.batch.prior import body_prior
 from tactile_dynamics_ros.core.inertia.conventions.motions import Course, Motions
 from tactile_dynamics_ros.core.inertia.residuals.motion import Motion
@@ -27,8 +27,6 @@ from tactile_dynamics_ros.core.streams.streams import (
     nearest_samples,
     places_at,
 )
-
-Array = NDArray[np.float64]
 
 INSTANTS = 400
 """Instants at which readings are held against each other: 2400 equations for 16 numbers. Half as

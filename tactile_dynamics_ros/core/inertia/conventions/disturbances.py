@@ -7,12 +7,10 @@ then held against each other with pushes, drags, springs and rotors of any size 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.inertia.residuals.motion import Motion
 from tactile_dynamics_ros.core.rigid_body.rotation import skew
-
-Array = NDArray[np.float64]
 
 
 def disturbance_columns(motion: Motion) -> Array:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.conventions.disturbances import disturbance_columns
@@ -23,8 +24,6 @@ from tactile_dynamics_ros.core.numerics.local_polynomial import (
 from tactile_dynamics_ros.core.numerics.noise import white_noise_std
 from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor
 from tactile_dynamics_ros.core.streams.streams import ImuStream, Streams
-
-Array = NDArray[np.float64]
 
 _WIDER = (1.5, 2.2, 3.3)
 """Widths of windows that are tried, over that of the fit's regressors: noise of accelerations falls

@@ -7,9 +7,9 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.inertia.conventions.angles import angle_readings
 from tactile_dynamics_ros.core.inertia.conventions.balance import net_force
 from tactile_dynamics_ros.core.inertia.conventions.motions import Motions
@@ -21,8 +21,6 @@ from tactile_dynamics_ros.core.inertia.conventions.reading import (
 )
 from tactile_dynamics_ros.core.rigid_body.rotation import skew, upright
 from tactile_dynamics_ros.core.streams.streams import ContactStream, PoseStream, Streams
-
-Array = NDArray[np.float64]
 
 _TILT = 0.3
 """Angle, rad, from -z up to which a world that leans is the effect `gravity_tilt`, whose prior has

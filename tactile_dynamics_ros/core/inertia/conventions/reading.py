@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.streams.streams import (
     ContactStream,
     PoseStream,
@@ -16,8 +16,6 @@ from tactile_dynamics_ros.core.streams.streams import (
     nearest_samples,
     on_lines,
 )
-
-Array = NDArray[np.float64]
 
 CONVENTIONS = (
     "force_sign",

@@ -6,9 +6,9 @@ from functools import partial
 from itertools import permutations, product, zip_longest
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.constants import inch, kgf, lbf
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.inertia.conventions.reading import (
     Reading,
     axes_of,
@@ -18,8 +18,6 @@ from tactile_dynamics_ros.core.inertia.conventions.reading import (
     turned_wrenches,
 )
 from tactile_dynamics_ros.core.streams.streams import Streams
-
-Array = NDArray[np.float64]
 
 _FORCE_UNITS = {
     "kgf": kgf,

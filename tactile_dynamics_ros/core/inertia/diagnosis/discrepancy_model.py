@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.discrepancy.model.least_squares import (
     LeastSquaresModel,
@@ -46,8 +46,6 @@ from tactile_dynamics_ros.core.inertia.diagnosis.twins import imitators
 from tactile_dynamics_ros.core.inertia.residuals.systematic import PresumedErrors
 from tactile_dynamics_ros.core.numerics.least_squares import levenberg_marquardt
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import log_cholesky_jacobian
-
-Array = NDArray[np.float64]
 
 _LEAST_SPAN = 1.8
 """Motion, s, from which the absence of an effect says anything: two seconds of measurements less

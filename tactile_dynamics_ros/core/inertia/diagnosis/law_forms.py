@@ -9,14 +9,13 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.effects.formula.effect import FormulaEffect
 from tactile_dynamics_ros.core.effects.formula.file import read_effect
 from tactile_dynamics_ros.core.effects.geometry import AXES
 from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldObjectModel
 
-Array = NDArray[np.float64]
 Values = dict[str, Any]
 
 _REACHES = (0.0, 0.05, 0.1, 0.2, 0.4)

@@ -8,8 +8,8 @@ from functools import cached_property, partial
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.effects.effect import Effect
 from tactile_dynamics_ros.core.effects.present import PresentEffects
@@ -18,8 +18,6 @@ from tactile_dynamics_ros.core.inertia.batch.uncertainty import HOLD
 from tactile_dynamics_ros.core.inertia.residuals.repeated_whitening import RepeatedWhitening
 from tactile_dynamics_ros.core.numerics.least_squares import rotated
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import log_cholesky_jacobian
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.effects.effect import Effect
 from tactile_dynamics_ros.core.effects.held.gravity import load_regressor
@@ -28,7 +28,6 @@ from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.inertia.diagnosis.quick_fit import WhitenedModel
 
-Array = NDArray[np.float64]
 
 _DECISIVE = 30.0
 """Expected chi^2 beyond which a rival is refuted by the new recording: an error of 5.5 standard

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Condition, Residuals
 from tactile_dynamics_ros.core.effects.filters import FirstOrderLag
@@ -19,8 +19,6 @@ from tactile_dynamics_ros.core.effects.geometry import (
     torque_columns,
 )
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
-
-Array = NDArray[np.float64]
 
 _RELAXATION = 2.0
 """Time constant, s, of the slow part of a contact's force in terms that creep: skin relaxes within

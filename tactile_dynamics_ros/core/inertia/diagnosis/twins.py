@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W
-
-Array = NDArray[np.float64]
 
 _PULL = "hanging_cable"
 """Name of the effect that others are forms of. It is API."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.inertia.batch.batch import fit_body
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import (
     PARAMETER_NAMES,
@@ -22,8 +22,6 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     inertia_vector,
 )
 from tactile_dynamics_ros.core.streams.joining import join_streams
-
-Array = NDArray[np.float64]
 
 DURATION = 10.0
 """Length of a proposed motion, s: ten periods of 1 Hz. Longer promises more, with its root, and

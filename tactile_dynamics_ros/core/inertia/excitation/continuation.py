@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.inertia.batch.batch import BatchConfig, read_stretches
 from tactile_dynamics_ros.core.inertia.batch.fitted_model import FittedModel
@@ -16,8 +17,6 @@ from tactile_dynamics_ros.core.inertia.residuals.sampled_signals import SampledS
 from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 from tactile_dynamics_ros.core.streams.streams import ContactStream, ImuStream, PoseStream, Streams
-
-Array = NDArray[np.float64]
 
 _FRICTION = 0.6
 """Coefficient presumed between fingertips and object, as `excite` does; raised to what the

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
@@ -27,8 +27,6 @@ from tactile_dynamics_ros.core.inertia.excitation.trajectory import (
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import pseudo_inertia
 from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor
 from tactile_dynamics_ros.core.rigid_body.rotation import skew
-
-Array = NDArray[np.float64]
 
 Criterion = Callable[[WrenchSamples], float]
 """Smaller is better; any function of the samples of a candidate motion can be minimised."""

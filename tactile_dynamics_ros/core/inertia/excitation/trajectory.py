@@ -6,12 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3
-
-Array = NDArray[np.float64]
 
 CHANNELS = 6
 """Axes of a motion: rotation vector, then translation. Fixed by a rigid body's freedom and by the

@@ -6,8 +6,8 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W
 from tactile_dynamics_ros.core.inertia.batch.prior import contact_prior
 from tactile_dynamics_ros.core.inertia.batch.uncertainty import (
@@ -34,8 +34,6 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     dynamic_parameters_from_log_cholesky,
     log_cholesky_jacobian,
 )
-
-Array = NDArray[np.float64]
 
 _BLOCK_SAMPLES = 25
 """Samples of a first block of scores, a quarter of a second at 100 Hz; blocks are merged in pairs

@@ -8,8 +8,8 @@ from functools import cached_property
 from math import inf
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.inertia.residuals.contact_grid import (
     EMPTY,
     LOADED,
@@ -22,8 +22,6 @@ from tactile_dynamics_ros.core.numerics.local_polynomial import (
     polynomial_weights,
     tapered_shares,
 )
-
-Array = NDArray[np.float64]
 
 _LIMIT = 1024
 """Readings kept at least, and at most twice as many: 10 s at 100 Hz, 1 s at 1 kHz, far longer than

@@ -7,8 +7,8 @@ import time as clock
 from collections import Counter
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.inertia.live.accumulation import Accumulation
 from tactile_dynamics_ros.core.inertia.live.config import IncrementalConfig
 from tactile_dynamics_ros.core.inertia.live.contact_queue import ContactReading
@@ -24,8 +24,6 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
 from tactile_dynamics_ros.core.shape.solid import CentreHull
 from tactile_dynamics_ros.core.streams.pose_noise import read_covariances
 from tactile_dynamics_ros.core.streams.streams import ContactSample
-
-Array = NDArray[np.float64]
 
 _REVISE_DISTANCE = 0.3
 """Affine-invariant distance between the body that whitened the samples and the present estimate

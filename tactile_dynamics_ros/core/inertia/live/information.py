@@ -6,10 +6,10 @@ from collections import deque
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import lapack
 from scipy.special import chdtri
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.inertia.residuals.systematic import (
     ALIKE,
     SYSTEMATIC_SIZE,
@@ -17,8 +17,6 @@ from tactile_dynamics_ros.core.inertia.residuals.systematic import (
     slow_noise,
     with_gains,
 )
-
-Array = NDArray[np.float64]
 
 _FEWEST_BLOCKS = 8
 """Blocks from which their scatter is compared with that of white noise: of eight the ratio of white

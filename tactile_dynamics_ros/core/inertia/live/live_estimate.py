@@ -8,8 +8,8 @@ from enum import Enum
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import (
     PARAMETER_NAMES,
     InertialEstimate,
@@ -19,8 +19,6 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     com_inertia_jacobian,
     log_cholesky_jacobian,
 )
-
-Array = NDArray[np.float64]
 
 _IDENTIFIED = 4.0
 """Prior over posterior variance above which a direction is identified: the standard deviation has

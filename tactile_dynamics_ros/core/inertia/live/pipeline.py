@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.inertia.live.config import IncrementalConfig
 from tactile_dynamics_ros.core.inertia.live.residuals import (
     ContactRows,
@@ -122,8 +122,6 @@ class Judge:
         self._misfits += ((not fits) - self._misfits) / _DOUBT_SAMPLES
         return float(fits and self._misfits < _VETO)
 
-
-Array = NDArray[np.float64]
 
 _SIZE = 10
 """Number of dynamic parameters: mass, first moments (3) and second moments (6) of one rigid body;

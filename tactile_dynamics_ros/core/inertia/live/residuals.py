@@ -14,13 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W, WrenchSamples
 from tactile_dynamics_ros.core.inertia.residuals.sensitivity import motion_sensitivity
 from tactile_dynamics_ros.core.numerics.local_polynomial import polynomial_weights
 from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3, log_so3, skew
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

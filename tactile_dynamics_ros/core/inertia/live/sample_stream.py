@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.inertia.live.config import IncrementalConfig
 from tactile_dynamics_ros.core.inertia.live.contact_queue import (
     ContactQueue,
@@ -27,8 +28,6 @@ from tactile_dynamics_ros.core.numerics.noise import (
 )
 from tactile_dynamics_ros.core.numerics.stream_whitening import RollingTable, sliding_rows
 from tactile_dynamics_ros.core.streams.pose_noise import ASSUMED_STD, jumps
-
-Array = NDArray[np.float64]
 
 MAXIMUM_CONTACTS = 8
 """Contacts that tables have room for: two hands of four fingers. Others are counted as a problem

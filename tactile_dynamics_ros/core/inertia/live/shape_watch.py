@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
-
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.live.accumulation import Accumulation
 from tactile_dynamics_ros.core.inertia.live.live_estimate import LiveEstimate
@@ -17,8 +15,6 @@ from tactile_dynamics_ros.core.inertia.shape_weighing import (
     Weighed,
     require_fit,
 )
-
-Array = NDArray[np.float64]
 
 
 class ShapeWatch:

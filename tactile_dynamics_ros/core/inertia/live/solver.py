@@ -6,8 +6,8 @@ import math
 
 import gtsam
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.numerics.least_squares import levenberg_marquardt
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     dynamic_parameters_from_log_cholesky,
@@ -16,8 +16,6 @@ from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     log_cholesky_factor_derivatives,
     log_cholesky_jacobian,
 )
-
-Array = NDArray[np.float64]
 
 INERTIA_KEY = gtsam.symbol("x", 0)
 """Name of the one variable of the factor graph: the log-Cholesky coordinates. Any other name does

@@ -6,8 +6,8 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import ModelError
 from tactile_dynamics_ros.core.inertia.batch.uncertainty import undetermined_parameters
 from tactile_dynamics_ros.core.inertia.live.accumulation import Accumulation
@@ -20,8 +20,6 @@ from tactile_dynamics_ros.core.inertia.residuals.systematic import (
 )
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.shape.solid import CentreHull, keep_in_hull
-
-Array = NDArray[np.float64]
 
 _NEAR = 0.05
 """How far log-Cholesky coordinates may move (5 % of scales, 5 cm) until what lasting errors change

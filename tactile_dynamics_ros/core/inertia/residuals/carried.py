@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.numerics.noise import white_noise_std, white_pose_noise_std
 from tactile_dynamics_ros.core.rigid_body.rotation import turned_between
 from tactile_dynamics_ros.core.streams.streams import (
@@ -24,8 +25,6 @@ from tactile_dynamics_ros.core.streams.streams import (
     Streams,
     enclosing_steps,
 )
-
-Array = NDArray[np.float64]
 
 _LESS = 0.35
 """Variance of the places on the object over that of the pose's noise there, below which the noise

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.residuals.carried import CarriedPlace
 from tactile_dynamics_ros.core.inertia.residuals.latent import LatentSignal
@@ -29,8 +30,6 @@ from tactile_dynamics_ros.core.streams.streams import (
     enclosing_steps,
     nearest_samples,
 )
-
-Array = NDArray[np.float64]
 
 SYNCHRONOUS = 1e-4
 """Difference (s) of stamps that are the same. A force of 10 N at 4 Hz changes by 25 mN within it at

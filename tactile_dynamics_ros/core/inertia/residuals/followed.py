@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.numerics.local_polynomial import (
     Window,
     local_polynomial,
     typical_period,
 )
-
-Array = NDArray[np.float64]
 
 _SLOW = 1.0 / 15.0
 """Period, s, above which it is asked whether poses follow the motion: a hand moves at up to about 2

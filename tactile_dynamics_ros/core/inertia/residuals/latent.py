@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import bsr_array
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.numerics.local_polynomial import LocalFunctional
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

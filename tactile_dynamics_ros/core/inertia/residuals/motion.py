@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.residuals.followed import unfollowed_scale
 from tactile_dynamics_ros.core.inertia.residuals.latent import LatentSignal, isotropic_factor
@@ -30,8 +31,6 @@ from tactile_dynamics_ros.core.streams.pose_noise import (
     read_covariances,
 )
 from tactile_dynamics_ros.core.streams.streams import ImuStream, PoseStream, Streams
-
-Array = NDArray[np.float64]
 
 _FALLBACK_SPECIFIC_FORCE_STD = 0.05
 """Standard deviation of an accelerometer's axis, m/s^2, where none is stated and the samples show

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.contact.wrench_samples import GRAVITY_W, WrenchSamples
 from tactile_dynamics_ros.core.effects.present import PresentEffects
@@ -50,7 +51,6 @@ from tactile_dynamics_ros.core.streams.streams import Streams, nearest_samples
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.effects.effect import Effect
 
-Array = NDArray[np.float64]
 
 _UNREAD_VARIANCE = 1e6
 """Variance that removes samples whose time-shifted motion is not recorded: (1 kN)^2, (1 kN m)^2."""

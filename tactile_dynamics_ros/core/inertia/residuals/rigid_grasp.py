@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.special import chdtri
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.inertia.residuals.contact_grid import MISSED_PERIODS, SYNCHRONOUS
 from tactile_dynamics_ros.core.numerics.noise import white_noise_std
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
@@ -31,8 +32,6 @@ from tactile_dynamics_ros.core.streams.streams import (
     enclosing_steps,
     nearest_samples,
 )
-
-Array = NDArray[np.float64]
 
 _BLOCK_S = 0.5
 """Length, s, of the means whose scatter shows whether a contact stays at its place on the object.

@@ -8,13 +8,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.inertia.residuals.contact_grid import ContactSignals
 from tactile_dynamics_ros.core.inertia.residuals.motion import Motion, MotionSignals
 from tactile_dynamics_ros.core.rigid_body.newton_euler import regressor
 from tactile_dynamics_ros.core.rigid_body.rotation import skew
-
-Array = NDArray[np.float64]
 
 _DAMPING = 1e-6
 """Added to the Gram matrix of the contacts' unit wrenches (about the number of contacts), so that

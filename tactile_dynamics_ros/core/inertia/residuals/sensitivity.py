@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import inertia_matrix
 from tactile_dynamics_ros.core.rigid_body.rotation import cross, skew
@@ -15,7 +16,6 @@ from tactile_dynamics_ros.core.rigid_body.rotation import cross, skew
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.effects.effect import Effect
 
-Array = NDArray[np.float64]
 
 _FORCE_STEP = 1e-3
 """Step of a difference quotient by a force, N. Effects are linear in the forces or nearly so, and 1

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.inertia.residuals.contact_grid import POINT_STD_FLOOR
 from tactile_dynamics_ros.core.inertia.residuals.motion import OVERSTATED
 from tactile_dynamics_ros.core.numerics.noise import (
@@ -15,8 +15,6 @@ from tactile_dynamics_ros.core.numerics.noise import (
     white_pose_noise_std,
 )
 from tactile_dynamics_ros.core.streams.streams import ContactStream, PoseStream, Streams
-
-Array = NDArray[np.float64]
 
 _TOLERANCE = 1.2
 """Seen over stated noise, or its inverse, up to which they agree. Over 400 samples the seen one

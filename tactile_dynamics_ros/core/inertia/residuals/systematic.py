@@ -18,13 +18,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
 from tactile_dynamics_ros.core.rigid_body.rotation import cross
-
-Array = NDArray[np.float64]
 
 SYSTEMATIC_SIZE = 9
 """Number of constant errors, which come first in a basis. Fixed by the kinds: torque and force of

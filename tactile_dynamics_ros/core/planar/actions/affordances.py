@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.planar.actions.candidate import MANNERS, Candidate
@@ -14,8 +14,6 @@ from tactile_dynamics_ros.core.planar.actions.grips import Grasp, grasps
 from tactile_dynamics_ros.core.planar.linked.outlines import distance_outside
 from tactile_dynamics_ros.core.planar.mechanics.linkage import placed, turned
 from tactile_dynamics_ros.core.planar.mechanics.outline import convex_hull
-
-Array = NDArray[np.float64]
 
 CHOOSERS = ("gain", "uniform", "random")
 """Ways to choose: by expected gain, round the object in equal steps, by chance."""

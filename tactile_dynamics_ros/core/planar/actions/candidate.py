@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.actions.straight import Travel
-
-Array = NDArray[np.float64]
 
 MANNERS = ("push", "stop", "pull", "shake")
 """A push, a faster one with a hard stop, a pull, a pull that is shaken along its way."""

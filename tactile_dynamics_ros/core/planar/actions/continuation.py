@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.actions.candidate import Candidate, path_of
 from tactile_dynamics_ros.core.planar.actions.information import (
     STIFFNESS,
@@ -18,8 +18,6 @@ from tactile_dynamics_ros.core.planar.mechanics.linkage import placed, turned
 from tactile_dynamics_ros.core.planar.mechanics.pusher import Tip
 from tactile_dynamics_ros.core.planar.mechanics.simulation import StepConfig, simulate
 from tactile_dynamics_ros.core.planar.streams import PushContact, PushedStreams
-
-Array = NDArray[np.float64]
 
 _STEP = 2e-3
 """s of the simulation: an impact of a stiff tip takes ten of them."""

@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.actions.candidate import Candidate
 from tactile_dynamics_ros.core.planar.actions.exploration import Choice, Explorer, Others
 from tactile_dynamics_ros.core.planar.actions.information import Belief
 from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
-
-Array = NDArray[np.float64]
 
 PUSHES = 3
 """Made at most: with the push that raised the alarm they go four ways, which parts a lean from

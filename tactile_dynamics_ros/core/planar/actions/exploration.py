@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.actions.affordances import (
     ExploreConfig,
     Surroundings,
@@ -28,7 +29,6 @@ from tactile_dynamics_ros.core.planar.actions.information import (
 )
 from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Others = Sequence[Array]
 

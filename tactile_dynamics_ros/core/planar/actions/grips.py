@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.actions.candidate import Candidate
 from tactile_dynamics_ros.core.planar.actions.information import Belief
 from tactile_dynamics_ros.core.planar.linked.outlines import dense_outline, distance_outside
 from tactile_dynamics_ros.core.planar.mechanics.outline import area_and_centroid
 from tactile_dynamics_ros.core.planar.mechanics.simulation import GRAVITY
-
-Array = NDArray[np.float64]
 
 _OPPOSITE = np.cos(np.deg2rad(10.0))
 """Cosine of the angle up to which two faces count as opposite: flat pads then touch both along

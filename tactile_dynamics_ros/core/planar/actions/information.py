@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.planar.actions.candidate import Candidate, path_of
 from tactile_dynamics_ros.core.planar.mechanics.linkage import Link, Linkage
@@ -18,7 +19,6 @@ from tactile_dynamics_ros.core.planar.mechanics.pusher import Grip, Pusher, Tip
 from tactile_dynamics_ros.core.planar.mechanics.simulation import Motion, StepConfig, simulate
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 NAMES = ("ln_product", "ln_mass", "com_x", "com_y")

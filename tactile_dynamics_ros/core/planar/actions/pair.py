@@ -8,9 +8,9 @@ from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.actions.candidate import WORDS, Candidate
 from tactile_dynamics_ros.core.planar.actions.exploration import (
     Choice,
@@ -46,8 +46,6 @@ from tactile_dynamics_ros.core.planar.mechanics.linkage import (
 from tactile_dynamics_ros.core.planar.mechanics.pusher import Tip
 from tactile_dynamics_ros.core.planar.mechanics.simulation import GRAVITY, simulate
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
-
-Array = NDArray[np.float64]
 
 RIGID = (*NAMES, "ln_ratio")
 """Numbers of two parts that are one body: those of the body, in the frame of link_1, with the

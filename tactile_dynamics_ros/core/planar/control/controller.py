@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.planar.actions.straight import (
     Leg,
@@ -28,8 +28,6 @@ from tactile_dynamics_ros.core.planar.control.performance import (
 )
 from tactile_dynamics_ros.core.planar.control.plan import Push
 from tactile_dynamics_ros.core.planar.control.prediction import Pushable
-
-Array = NDArray[np.float64]
 
 _SETTLE = 0.25
 """s of slowing down: the speed is at most the length that is left over this, so that two

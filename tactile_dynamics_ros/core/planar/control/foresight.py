@@ -6,16 +6,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.actions.exploration import Choice, Explorer, Others
 from tactile_dynamics_ros.core.planar.actions.information import Belief
 from tactile_dynamics_ros.core.planar.control.controller import ControlConfig, PushController
 from tactile_dynamics_ros.core.planar.control.performance import Seen, WayConfig
 from tactile_dynamics_ros.core.planar.control.plan import Bounds, PlanConfig, PushPlanner
 from tactile_dynamics_ros.core.planar.control.prediction import PushedBody, pushed
-
-Array = NDArray[np.float64]
 
 _STEP = 1.0 / 30.0
 """s from one imagined pose to the next: what cameras bring, 1.7 mm of a push at 5 cm/s."""

@@ -6,15 +6,13 @@ from collections import deque
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.numerics.search import SearchConfig, cross_entropy
 from tactile_dynamics_ros.core.planar.control.jointed import Hinge, JointedBody, Rubbing
 from tactile_dynamics_ros.core.planar.control.prediction import Pushable, PushedBody
 from tactile_dynamics_ros.core.planar.linked.outlines import distance_outside
 from tactile_dynamics_ros.core.planar.mechanics.linkage import in_frame, placed, turned
-
-Array = NDArray[np.float64]
 
 _TURNS = np.deg2rad(3.0)
 """Turn of two parts against each other from which a joint is presumed, rad: markers tell each to

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.planar.actions.candidate import Candidate
 from tactile_dynamics_ros.core.planar.actions.straight import (
@@ -15,8 +15,6 @@ from tactile_dynamics_ros.core.planar.actions.straight import (
     straight_action,
 )
 from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
-
-Array = NDArray[np.float64]
 
 _MISSED, _MISSED_FOR = 0.03, 1.0
 """m by which a tip may be from its target, and s for how long: a tip that travels at 0.3 m/s lags

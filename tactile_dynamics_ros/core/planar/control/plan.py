@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.numerics.search import SearchConfig, cross_entropy, evolve
 from tactile_dynamics_ros.core.planar.control.prediction import Pushable
 from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
-
-Array = NDArray[np.float64]
 
 PLACE, TURNS, LENGTH = 0, slice(1, 4), 4
 """Columns of a push: share of the perimeter, three directions along the way (rad from the inward

@@ -8,16 +8,14 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.planar.linked.outlines import distance_outside
 from tactile_dynamics_ros.core.planar.mechanics.limit_surface import pushed_twist
 from tactile_dynamics_ros.core.planar.mechanics.linkage import in_frame, placed, turned
 from tactile_dynamics_ros.core.planar.mechanics.outline import area_and_centroid
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
-
-Array = NDArray[np.float64]
 
 _MOST_CORNERS = 48
 """Vertices of an outline that are used: a circle of 6 cm is then met 0.13 mm inside at most, and

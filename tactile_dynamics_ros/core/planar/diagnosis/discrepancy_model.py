@@ -9,8 +9,8 @@ from itertools import islice
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.discrepancy.model.least_squares import LeastSquaresModel
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
     Condition,
@@ -51,8 +51,6 @@ from tactile_dynamics_ros.core.planar.misreading import check_reading
 from tactile_dynamics_ros.core.planar.properties.linked_fit import PairFit
 from tactile_dynamics_ros.core.planar.properties.push_model import USUAL_FRICTION, PushFit
 from tactile_dynamics_ros.core.planar.streams import PushedStreams
-
-Array = NDArray[np.float64]
 
 _LARGEST_GUESS = 1.5
 """Largest start of an effect's parameter, in standard deviations of its prior: linear forms

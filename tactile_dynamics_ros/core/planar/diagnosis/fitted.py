@@ -9,6 +9,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.diagnosis.rows import PushRows
 from tactile_dynamics_ros.core.planar.diagnosis.separating_push import Predicted
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
@@ -18,7 +19,6 @@ from tactile_dynamics_ros.core.planar.properties.intervals import Intervals
 from tactile_dynamics_ros.core.planar.properties.push_model import USUAL_FRICTION, Sharpness
 from tactile_dynamics_ros.core.planar.streams import PushedStreams
 
-Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 FRICTION_SPREAD = 0.4

@@ -12,11 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Condition, Residuals
 from tactile_dynamics_ros.core.planar.diagnosis.rows import PushRows
 from tactile_dynamics_ros.core.planar.effects.situation import PlanarMotion
-
-Array = NDArray[np.float64]
 
 _CHANNELS = ("position_x", "position_y", "yaw")
 """What is seen of each part, in the order of the filter's rows."""

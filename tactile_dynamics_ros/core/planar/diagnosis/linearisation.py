@@ -9,14 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.diagnosis.fitted import FittedPushes
 from tactile_dynamics_ros.core.planar.diagnosis.innovations import Innovations
 from tactile_dynamics_ros.core.planar.diagnosis.rows import PushRows
 from tactile_dynamics_ros.core.planar.diagnosis.variation import Table, field_rows
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
 from tactile_dynamics_ros.core.planar.properties.push_model import Sharpness
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.planar.diagnosis.fitted import FittedPushes
 from tactile_dynamics_ros.core.planar.diagnosis.rows import PushRows, rows_of_one
@@ -33,7 +34,6 @@ from tactile_dynamics_ros.core.planar.properties.intervals import Intervals
 from tactile_dynamics_ros.core.planar.properties.push_model import PushFit, Sharpness
 from tactile_dynamics_ros.core.planar.streams import PushedStreams
 
-Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 _OWN = ("ln_product", "ln_mass", "com_x", "com_y")

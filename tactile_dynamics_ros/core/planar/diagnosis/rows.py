@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.properties.balance import NAMES
 from tactile_dynamics_ros.core.planar.properties.intervals import Intervals
 from tactile_dynamics_ros.core.planar.properties.linked_model import PairModel
@@ -16,7 +17,6 @@ from tactile_dynamics_ros.core.planar.properties.push_model import (
     see_poses,
 )
 
-Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 

@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.diagnosis.separating_push import (
     PLACES,
     SPEEDS,
@@ -31,7 +31,6 @@ from tactile_dynamics_ros.core.planar.linked.pushes import (
 from tactile_dynamics_ros.core.planar.mechanics.linkage import in_frame, placed, turned
 from tactile_dynamics_ros.core.planar.properties.intervals import Intervals
 
-Array = NDArray[np.float64]
 LackOfMotion = Callable[[Intervals, PairPushes, Array, Array, tuple[PushEffect, ...]], Array]
 """Two forces and torques about contact and joint (K, 4) that are lacking, N and N m, of cuts,
 pushes, velocities (K, 4) of the coordinates, common numbers and effects."""

@@ -9,13 +9,12 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
 from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
 from tactile_dynamics_ros.core.planar.properties.intervals import Intervals
 
-Array = NDArray[np.float64]
 Predict = Callable[[Array, tuple[PushEffect, ...]], Array]
 Lacking = Callable[[Intervals, Array, Array, Array, tuple[PushEffect, ...]], Array]
 """Force and torque about the contact (R, 3) that are lacking, N and N m, from intervals, poses

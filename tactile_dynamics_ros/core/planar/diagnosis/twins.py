@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri
 
-Array = NDArray[np.float64]
+from tactile_dynamics_ros.core.array import Array
 
 _POINT = {"constant_pull": slice(2, 4), "tether_spring": slice(3, 5)}
 """Where the parameters of effects that pull at one point have that point."""

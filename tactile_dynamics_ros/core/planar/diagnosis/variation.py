@@ -11,9 +11,9 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.diagnosis.fitted import FittedPushes
 from tactile_dynamics_ros.core.planar.effects.regional import (
     STEP,
@@ -23,7 +23,6 @@ from tactile_dynamics_ros.core.planar.effects.regional import (
 )
 from tactile_dynamics_ros.core.planar.properties.push_model import Sharpness
 
-Array = NDArray[np.float64]
 Rows = tuple[Array, Array]
 """Changes of rows (N, D, c) of the motion and (P, 3, c) of poses."""
 

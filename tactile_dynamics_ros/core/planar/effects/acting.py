@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
 from tactile_dynamics_ros.core.planar.effects.situation import PlanarMotion, Situation
 from tactile_dynamics_ros.core.planar.mechanics.linkage import applied, turned
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,12 +6,10 @@ from abc import ABC
 from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.planar.effects.situation import PlanarMotion, Situation
-
-Array = NDArray[np.float64]
 
 
 class PushEffect(ABC):

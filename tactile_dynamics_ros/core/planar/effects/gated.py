@@ -5,16 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.numerics.regime import Gate, Regime
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect, WrappedEffect
 from tactile_dynamics_ros.core.planar.effects.situation import PlanarMotion
-
-Array = NDArray[np.float64]
 
 AXES = {"x": 0, "y": 1}
 """Axes of the table by the symbols of places. Others would be symbols that no condition has."""

@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
 from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
 from tactile_dynamics_ros.core.planar.effects.situation import PlanarMotion, Situation
 from tactile_dynamics_ros.core.planar.mechanics.linkage import cross, turned
-
-Array = NDArray[np.float64]
 
 _SPAN = 0.05
 """Arm at which the families of forces at points of the object are computed, m: half a small object.

@@ -7,14 +7,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.planar.effects.acting import Acting
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect, WrappedEffect
 from tactile_dynamics_ros.core.planar.effects.situation import PlanarMotion, Situation
-
-Array = NDArray[np.float64]
 
 OF_ONE_PART = ("tether_spring", "constant_pull", "unsensed_contact", "load_change")
 """Names of the effects that act on one part of two on a joint, as on an object of its own; the rest

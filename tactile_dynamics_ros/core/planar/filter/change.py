@@ -6,16 +6,14 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.planar.filter.observation import FeltWrench, SeenPose
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
 from tactile_dynamics_ros.core.planar.filter.pieces import Piece, PieceMeter
 from tactile_dynamics_ros.core.planar.filter.process import PusherMotion
-
-Array = NDArray[np.float64]
 
 _CALM = 0.3
 """Share of the threshold below which a reference may be renewed: a change shows more by its first

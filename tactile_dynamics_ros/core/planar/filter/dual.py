@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.planar.filter.belief import (
@@ -27,8 +28,6 @@ from tactile_dynamics_ros.core.planar.filter.process import (
     PusherMotion,
 )
 from tactile_dynamics_ros.core.planar.properties.intervals import COARSE
-
-Array = NDArray[np.float64]
 
 _DISTANCE = 0.02
 """Distance over which friction stays alike, m, as in the fits to recordings. Half of it makes

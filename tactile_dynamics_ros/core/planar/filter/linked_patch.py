@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess, advanced
 from tactile_dynamics_ros.core.planar.filter.process import (
@@ -26,8 +26,6 @@ from tactile_dynamics_ros.core.planar.mechanics.linkage import (
     turned,
 )
 from tactile_dynamics_ros.core.planar.mechanics.support import PairPatch
-
-Array = NDArray[np.float64]
 
 _JOINT_FRICTION, _JOINT_SPREAD = 0.03, 0.8
 """Median of a joint's friction, N m, and spread of its logarithm before any data: from hinges that

@@ -8,8 +8,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
@@ -24,8 +24,6 @@ from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.memory.combination import known_of
 from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate
 from tactile_dynamics_ros.core.planar.streams import USUAL_POSE_STD, PushedStreams
-
-Array = NDArray[np.float64]
 
 MODELS = ("patch", "graph", "graph_residual")
 """Models that can be filtered: the physical one, a network, and a network beside the physics."""

@@ -7,13 +7,11 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.filter.process import Prediction, PusherMotion
 from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
 from tactile_dynamics_ros.core.planar.mechanics.outline import edge_normals, nearest_edge
-
-Array = NDArray[np.float64]
 
 _RELATIVE = 0.02
 """Model error of a force over its size: of the mechanics' coarse footprint and step. At 0.5 % the

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.filter.process import (
     LINK_PARAMETERS,
     Mask,
@@ -34,8 +34,6 @@ from tactile_dynamics_ros.core.planar.mechanics.simulation import (
     StepConfig,
 )
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
-
-Array = NDArray[np.float64]
 
 _FRICTION, _FRICTION_SPREAD = 0.3, 0.6
 """Median of support friction and standard deviation of its logarithm before any data: 68 % between

@@ -6,15 +6,13 @@ from collections import deque
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.filter.observation import FeltWrench, SeenPose
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
 from tactile_dynamics_ros.core.planar.filter.process import PusherMotion
 from tactile_dynamics_ros.core.planar.mechanics.linkage import applied, shifted_twist, turned
 from tactile_dynamics_ros.core.planar.mechanics.simulation import GRAVITY, support_resistance
-
-Array = NDArray[np.float64]
 
 _DRAWS, _SEED = 24, 46
 """Hypotheses of what is not known of reference and motion, and the seed of their draw; twice as

@@ -13,7 +13,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from tactile_dynamics_ros.core.array import Array
+
 Mask = NDArray[np.bool_]
 
 LINK_STATE = ("x", "y", "yaw", "v_x", "v_y", "yaw_rate")

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.planar.filter.tracker import Felt, touches
 from tactile_dynamics_ros.core.planar.streams import (
@@ -17,8 +18,6 @@ from tactile_dynamics_ros.core.planar.streams import (
     PushContact,
     PushedStreams,
 )
-
-Array = NDArray[np.float64]
 
 _AROUND = 1.0
 """Time before and after a touch that is kept, s: fits look at 0.15 s before and 0.4 s after."""

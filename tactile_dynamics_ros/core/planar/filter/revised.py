@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.filter.belief import Belief
 from tactile_dynamics_ros.core.planar.filter.dual import FADING, DualConfig, DualFilter
 from tactile_dynamics_ros.core.planar.filter.observation import Observation
 from tactile_dynamics_ros.core.planar.filter.process import Process, PusherMotion
-
-Array = NDArray[np.float64]
 
 _MOVED = 0.5
 """Way of a parameter, in standard deviations of what was known at first, from which the steps are

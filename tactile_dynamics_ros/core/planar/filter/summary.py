@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate
-
-Array = NDArray[np.float64]
 
 _GRAVITY = 9.81
 """Acceleration of gravity, m/s^2, with which forces follow from products."""

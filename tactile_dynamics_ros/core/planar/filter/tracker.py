@@ -7,8 +7,8 @@ from collections import deque
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.planar.filter.change import ChangeMonitor
 from tactile_dynamics_ros.core.planar.filter.dual import DualConfig, DualFilter
@@ -20,8 +20,6 @@ from tactile_dynamics_ros.core.planar.filter.observation import (
 )
 from tactile_dynamics_ros.core.planar.filter.process import Process, PusherMotion
 from tactile_dynamics_ros.core.planar.filter.revised import filter_of
-
-Array = NDArray[np.float64]
 
 _TOUCH = 4.0
 """Force from which something is touched, in standard deviations of the force, as in the fits to

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.linked.outlines import (
     in_second,
     meeting_points,
@@ -20,8 +21,6 @@ from tactile_dynamics_ros.core.planar.linked.outlines import (
 )
 from tactile_dynamics_ros.core.planar.mechanics.linkage import cross, turned
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
-
-Array = NDArray[np.float64]
 
 JOINT_TORQUE, JOINT_SPREAD = 0.05, 1.0
 """Median friction torque of joints, N m, and standard deviation of its logarithm: 68 % between 0.02

@@ -5,12 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.linked.pushes import TellingPush
 
-Array = NDArray[np.float64]
 Value = tuple[float, float]
 Effects = dict[str, dict[str, dict[str, Any]]]
 """Value, std and unit by effect and parameter."""

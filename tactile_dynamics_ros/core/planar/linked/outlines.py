@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
 from tactile_dynamics_ros.core.planar.streams import LinkStream
-
-Array = NDArray[np.float64]
 
 _SPACING = 2e-3
 """Distance between points of an outline, m: as fine as outlines are known."""

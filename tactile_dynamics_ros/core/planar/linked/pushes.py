@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.linked.chances import JOINT_TORQUE, SeenParts
 from tactile_dynamics_ros.core.planar.linked.outlines import (
     distance_outside,
@@ -18,8 +19,6 @@ from tactile_dynamics_ros.core.planar.linked.rows import across
 from tactile_dynamics_ros.core.planar.mechanics.linkage import cross, turned
 from tactile_dynamics_ros.core.planar.mechanics.outline import area_and_centroid
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
-
-Array = NDArray[np.float64]
 
 _PLACES = 16
 """Points of each outline that are compared: every 2 cm of a usual part; twice as many name other

@@ -8,11 +8,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.mechanics.linkage import applied, cross, turned
 from tactile_dynamics_ros.core.planar.mechanics.outline import load_points
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
-
-Array = NDArray[np.float64]
 
 
 def across(arm: Array) -> Array:

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.mechanics.linkage import applied, cross, shifting, turned
 from tactile_dynamics_ros.core.planar.mechanics.outline import edge_normals, nearest_edge
 from tactile_dynamics_ros.core.planar.mechanics.pusher import LinearHold
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _GAIN = 1e5

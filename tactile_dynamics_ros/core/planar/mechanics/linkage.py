@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,10 +8,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.mechanics.linkage import applied, cross, shifting, turned
 from tactile_dynamics_ros.core.planar.mechanics.outline import edge_normals, nearest_edge
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.mechanics.linkage import (
     Link,
     Linkage,
@@ -17,8 +17,6 @@ from tactile_dynamics_ros.core.planar.mechanics.linkage import (
 )
 from tactile_dynamics_ros.core.planar.mechanics.pusher import Hold, Mask, Pusher
 from tactile_dynamics_ros.core.planar.mechanics.support import tipping_shift
-
-Array = NDArray[np.float64]
 
 GRAVITY = 9.81
 """Acceleration of gravity along the support's normal, m/s^2; all normal forces scale with it."""

@@ -10,11 +10,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.mechanics.outline import area_and_centroid, load_points
-
-Array = NDArray[np.float64]
 
 _LIFTED_STEPS = 12
 """Newton steps for the pressure where part of the footprint lifts off. The equations are piecewise

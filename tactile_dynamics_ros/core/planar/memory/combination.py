@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.known import KnownPushed
 from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate
-
-Array = NDArray[np.float64]
 
 _CHANGED = 1e-4
 """Probability, of an object that is the same on the same table, below which it is said to have

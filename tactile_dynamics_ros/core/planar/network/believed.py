@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.filter.dual import DualConfig, DualFilter
 from tactile_dynamics_ros.core.planar.filter.linked_patch import LinkedPatchProcess
 from tactile_dynamics_ros.core.planar.filter.observation import FeltWrench, Observation
@@ -16,8 +16,6 @@ from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
 from tactile_dynamics_ros.core.planar.filter.process import LINK_PARAMETERS, Process, PusherMotion
 from tactile_dynamics_ros.core.planar.network.graph import Push
 from tactile_dynamics_ros.core.planar.network.transitions import Noise, Transitions
-
-Array = NDArray[np.float64]
 
 
 class Sensed(Protocol):

@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
 from tactile_dynamics_ros.core.planar.mechanics.hold import Grip, Tip
 from tactile_dynamics_ros.core.planar.mechanics.linkage import Link, Linkage, cross, turned
 from tactile_dynamics_ros.core.planar.mechanics.simulation import PlanarSimulation, StepConfig
 from tactile_dynamics_ros.core.planar.network.graph import centre_motion
 from tactile_dynamics_ros.core.planar.network.transitions import Transitions
-
-Array = NDArray[np.float64]
 
 
 def expected_steps(steps: Transitions) -> tuple[Array, Array]:

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.planar.filter.live import MODELS, PATCH, WEIGHTS, PushingModel
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.network.graph import Thing
 from tactile_dynamics_ros.core.planar.network.process import GraphProcess
 from tactile_dynamics_ros.core.planar.network.weights import GraphWeights, shipped_networks
-
-Array = NDArray[np.float64]
 
 _POINTS = 25
 """Points of a footprint of which a network sees the second moments, as in its training; they move

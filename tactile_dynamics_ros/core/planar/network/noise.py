@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.files import write_arrays
 from tactile_dynamics_ros.core.planar.filter.observation import FeltWrench, relative_std
 from tactile_dynamics_ros.core.planar.filter.process import PusherMotion
@@ -25,7 +25,6 @@ from tactile_dynamics_ros.core.planar.network.noise_features import (
 from tactile_dynamics_ros.core.planar.network.weights import Layers, perceptron
 from tactile_dynamics_ros.core.reading import open_arrays
 
-Array = NDArray[np.float64]
 Kernels = tuple[tuple[Array, Array], ...]
 
 CROP = 64

@@ -12,10 +12,9 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.filter.observation import FeltWrench, relative_std
 from tactile_dynamics_ros.core.planar.filter.process import PusherMotion
-
-Array = NDArray[np.float64]
 
 TOUCH, LOOK = 9, 6
 """Numbers that a noise model sees of a touch and of a look. They follow from `Touched.features` and

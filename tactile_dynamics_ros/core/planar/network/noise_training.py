@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.planar.network.noise import (
     LOG_FACTOR,
@@ -16,8 +16,6 @@ from tactile_dynamics_ros.core.planar.network.noise import (
     NoiseNet,
     convolved_size,
 )
-
-Array = NDArray[np.float64]
 
 _KERNELS, _CHANNELS = (5, 3), (6, 12)
 """Sides and outputs of the two convolutions of a crop: some 10 000 weights, of which 600 are in the

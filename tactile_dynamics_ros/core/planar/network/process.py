@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.planar.filter.linked_patch import LinkedPatchProcess
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess, load_left
@@ -29,8 +29,6 @@ from tactile_dynamics_ros.core.planar.network.graph import (
 )
 from tactile_dynamics_ros.core.planar.network.transitions import Transitions, helping, outcome
 from tactile_dynamics_ros.core.planar.network.weights import Expected, GraphWeights
-
-Array = NDArray[np.float64]
 
 _ALIKE = 0.02
 """m over which errors of a network's force stay alike, as friction does for the filter: the noise

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.planar.network.graph import MOTION
 from tactile_dynamics_ros.core.planar.network.transitions import Examples
@@ -20,7 +20,6 @@ from tactile_dynamics_ros.core.planar.network.weights import (
     node_features,
 )
 
-Array = NDArray[np.float64]
 Report = Callable[[int, float, float], None]
 Told = tuple[Tensor, Tensor]
 """What is known of an outcome, and its standard deviation, in units of the output."""

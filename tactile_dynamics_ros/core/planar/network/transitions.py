@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.network.graph import (
     HELP,
@@ -18,8 +18,6 @@ from tactile_dynamics_ros.core.planar.network.graph import (
     to_contact,
     touched_first,
 )
-
-Array = NDArray[np.float64]
 
 Mechanics = Callable[["Transitions"], tuple[Array, Array]]
 """States (N, 6 L) and forces (N, 2 or 3), axes of the support, that mechanics expect of steps."""

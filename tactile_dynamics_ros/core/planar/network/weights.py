@@ -8,13 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.files import write_arrays
 from tactile_dynamics_ros.core.planar.network.graph import EDGE, HELP, MOTION, NODE, Graph
 from tactile_dynamics_ros.core.reading import open_arrays
 
-Array = NDArray[np.float64]
 Layers = tuple[tuple[Array, Array], ...]
 
 NETS = ("edge", "node", "process", "touch")

@@ -9,14 +9,13 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.effects.acting import Acting
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
 from tactile_dynamics_ros.core.planar.effects.situation import PlanarMotion, Situation
 from tactile_dynamics_ros.core.planar.mechanics.linkage import applied, cross, turned
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch, tipping_shift
 from tactile_dynamics_ros.core.planar.properties.intervals import Intervals
-
-Array = NDArray[np.float64]
 
 NAMES = (
     "ln_product", "ln_mass", "com_x", "com_y", "ln_inertia", "push_height", "com_height",

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
 from tactile_dynamics_ros.core.planar.known import KnownPushed
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from tactile_dynamics_ros.core.planar.properties.push_model import PushFit
     from tactile_dynamics_ros.core.planar.sparse import SparseFit
 
-Array = NDArray[np.float64]
 
 _UNKNOWN = 0.2
 """Relative std from which mass, friction and force are undetermined, as every mass of this

@@ -7,8 +7,8 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.numerics.bordered import (
     Factor,
@@ -50,8 +50,6 @@ from tactile_dynamics_ros.core.planar.properties.push_model import (
     add_smoothness,
 )
 from tactile_dynamics_ros.core.planar.streams import PushedStreams
-
-Array = NDArray[np.float64]
 
 _STEADY = (0.05, 0.05, 1.0)
 """Accelerations that the first guess of the motion takes for steady, m/s^2 and rad/s^2: a fifth of

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, PushedStreams
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 COARSE = 0.03

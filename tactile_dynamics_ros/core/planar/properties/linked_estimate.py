@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.planar.effects.acting import described
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
@@ -29,8 +29,6 @@ from tactile_dynamics_ros.core.planar.properties.linked_pair import Pair
 from tactile_dynamics_ros.core.planar.properties.linked_rigid import RigidModel
 from tactile_dynamics_ros.core.planar.properties.push_model import ASTRAY
 from tactile_dynamics_ros.core.planar.streams import PushedStreams
-
-Array = NDArray[np.float64]
 
 _UNKNOWN = 0.2
 """Relative std from which a quantity is undetermined, as of one part."""

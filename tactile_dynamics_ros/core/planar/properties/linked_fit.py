@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.numerics.bordered import Solution, minimise
 from tactile_dynamics_ros.core.planar.effects.acting import described
@@ -36,7 +37,6 @@ from tactile_dynamics_ros.core.planar.properties.optimum import (
 )
 from tactile_dynamics_ros.core.planar.properties.push_model import ELSEWHERE, Sharpness
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _REFIT = 60

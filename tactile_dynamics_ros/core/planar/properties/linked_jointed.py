@@ -10,6 +10,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.effects.part import of_both, of_part
 from tactile_dynamics_ros.core.planar.linked.chances import JOINT_SPREAD, JOINT_TORQUE
 from tactile_dynamics_ros.core.planar.linked.rows import (
@@ -36,8 +37,6 @@ from tactile_dynamics_ros.core.planar.properties.linked_model import (
 )
 from tactile_dynamics_ros.core.planar.properties.linked_pair import Motion
 from tactile_dynamics_ros.core.planar.properties.linked_structure import Hinge
-
-Array = NDArray[np.float64]
 
 _OF_PART = (
     "ln_product", "ln_mass", "com_x", "com_y", "ln_inertia", "com_height", "ln_scale",

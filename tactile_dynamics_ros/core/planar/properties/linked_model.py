@@ -15,6 +15,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.numerics.bordered import Cost, NormalEquations
 from tactile_dynamics_ros.core.planar.effects.acting import Acting, ends
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
@@ -32,8 +33,6 @@ from tactile_dynamics_ros.core.planar.properties.linked_pair import (
     Sightings,
 )
 from tactile_dynamics_ros.core.planar.properties.push_model import Sharpness, add_local
-
-Array = NDArray[np.float64]
 
 USUAL_FRICTION, FRICTION_SPREAD = 0.3, 0.6
 """Median of friction coefficients and standard deviation of their logarithm before any data, as for

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.numerics.bordered import NormalEquations
 from tactile_dynamics_ros.core.planar.effects.joint import LooseJoint
@@ -24,7 +25,6 @@ from tactile_dynamics_ros.core.planar.properties.linked_structure import Structu
 from tactile_dynamics_ros.core.planar.properties.push_model import add_smoothness
 from tactile_dynamics_ros.core.planar.streams import PushedStreams
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 STEPS = {"pose": 1e-6, "velocity": 1e-5, "acceleration": 1e-3, "local": 1e-5}

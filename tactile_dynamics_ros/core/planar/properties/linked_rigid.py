@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.effects.situation import Situation
 from tactile_dynamics_ros.core.planar.linked.rows import (
     LinearFriction,
@@ -34,8 +34,6 @@ from tactile_dynamics_ros.core.planar.properties.linked_model import (
     PairModel,
 )
 from tactile_dynamics_ros.core.planar.properties.linked_pair import Motion
-
-Array = NDArray[np.float64]
 
 NAMES = (
     "ln_product", "ln_mass", "com_x", "com_y", "ln_inertia", "com_height", "ln_scale", "ln_ratio",

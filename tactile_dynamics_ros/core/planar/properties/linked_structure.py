@@ -7,15 +7,13 @@ from functools import partial
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.numerics.bordered import NormalEquations, minimise
 from tactile_dynamics_ros.core.planar.linked.chances import Chances
 from tactile_dynamics_ros.core.planar.linked.outlines import RelativePoses
 from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
-
-Array = NDArray[np.float64]
 
 STRUCTURES = ("rigid", "jointed", "separate")
 """What two parts may be to each other, in the order of arrays of this module."""

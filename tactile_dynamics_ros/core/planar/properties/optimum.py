@@ -6,11 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.numerics.bordered import Factor, Solution
-
-Array = NDArray[np.float64]
 
 STAGES = ((2e-2, 30.0), (5e-3, 10.0), (2e-3, 3.0), (5e-4, 1.0))
 """Slip speed, m/s, and floor over its final value of each stage. Of one part slip is slower in

@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.numerics.bordered import Cost, NormalEquations
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
 from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
@@ -21,7 +22,6 @@ from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.properties.balance import NAMES, Balance, Kinematics
 from tactile_dynamics_ros.core.planar.properties.intervals import Intervals
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 USUAL_FRICTION, FRICTION_SPREAD = 0.3, 0.6

@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import t as student
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.mechanics.simulation import GRAVITY
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.sparse.prediction import NAMES, Prediction
 from tactile_dynamics_ros.core.planar.sparse.pushes import Pushes, cut_pushes
 from tactile_dynamics_ros.core.planar.streams import PushedStreams
-
-Array = NDArray[np.float64]
 
 _SCATTER = np.array([0.1, np.radians(5.0), 1e-3, np.radians(1.0)])
 """Scatter of the residuals expected beforehand: friction of real tables varies by 8 to 13 % from

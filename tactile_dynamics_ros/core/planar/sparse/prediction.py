@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.planar.mechanics.linkage import Link, Linkage, turned
 from tactile_dynamics_ros.core.planar.mechanics.pusher import Tip
@@ -18,8 +18,6 @@ from tactile_dynamics_ros.core.planar.mechanics.simulation import (
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.sparse.pushes import STEADY, STEPS, Pushes
 from tactile_dynamics_ros.core.planar.streams import PushContact, PushedStreams
-
-Array = NDArray[np.float64]
 
 _INTERVAL = 0.04
 """Length of the intervals whose ways are added up, s. At 10 ms the noise of poses (0.1 mm) adds 3 %

@@ -7,12 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
 from tactile_dynamics_ros.core.planar.mechanics.outline import edge_normals, nearest_edge
 from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, PushedStreams
-
-Array = NDArray[np.float64]
 
 STEPS = 48
 """Steps of the pusher in one piece: 0.3 mm each in 16 mm. Against 96 steps they move yaw and slip

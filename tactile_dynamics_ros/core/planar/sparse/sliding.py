@@ -7,14 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.mechanics.linkage import Link, Linkage, placed, turned
 from tactile_dynamics_ros.core.planar.mechanics.outline import edge_normals, nearest_edge
 from tactile_dynamics_ros.core.planar.mechanics.pusher import Tip
 from tactile_dynamics_ros.core.planar.mechanics.simulation import StepConfig, simulate
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, PushedStreams
-
-Array = NDArray[np.float64]
 
 _STOPPED = 0.2
 """Speed of the pusher over its largest in the tenth of a second before, below which it has stopped:
