@@ -127,6 +127,7 @@ class HandRun:
         truth: (10,) in the order of PARAMETER_NAMES.
         live, offline: (2, 10) values and standard deviations, from the motion alone.
         shaped_live, shaped_offline: the same with the object's shape.
+        slowest: s, 99 % of the updates of the live estimate with the shape were quicker.
     """
 
     case: str
@@ -135,6 +136,7 @@ class HandRun:
     offline: np.ndarray
     shaped_live: np.ndarray
     shaped_offline: np.ndarray
+    slowest: float
 
 
 def grade_hand(case: str, streams: Streams, truth: InertialParameters, name: str) -> HandRun:
@@ -152,7 +154,8 @@ def grade_hand(case: str, streams: Streams, truth: InertialParameters, name: str
         fits.append(fits[0])
     found = [watched.update(), fits[0], shaped[-1], fits[1]]
     rows = [np.array([physical(e.inertia), e.parameter_std]) for e in found]
-    return HandRun(case, physical(truth), *rows)
+    slowest = float(np.quantile([e.latency for e in shaped], 0.99))
+    return HandRun(case, physical(truth), *rows, slowest)
 
 
 def run_hand(runs: int, say: Callable[[str], None]) -> dict[str, Any]:
@@ -173,7 +176,7 @@ def run_hand(runs: int, say: Callable[[str], None]) -> dict[str, Any]:
 
 def _hand_row(runs: list[HandRun]) -> dict[str, Any]:
     """Coverage, worst and median errors in standard deviations, and how alike intervals are."""
-    row: dict[str, Any] = {"runs": len(runs)}
+    row: dict[str, Any] = {"runs": len(runs), "slowest_ms": 1e3 * max(r.slowest for r in runs)}
     for kind in ("live", "offline", "shaped_live", "shaped_offline"):
         pairs = [(run.truth, getattr(run, kind)) for run in runs]
         errors = np.abs([(value - truth) / std for truth, (value, std) in pairs])

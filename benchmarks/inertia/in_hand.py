@@ -16,7 +16,6 @@ import numpy as np
 from benchmarks.biotac_in_hand import ALOFT, PadTouch, Touch
 from benchmarks.biotac_press_rig import calibrate_units
 from tactile_dynamics_ros.core.contact.contact_state import Contact
-from tactile_dynamics_ros.core.manipulation.excitation import OffsetTable
 from tactile_dynamics_ros.core.manipulation.grasp_controller import GraspConfig, GraspController
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.robot.hand_kinematics import HandKinematics
@@ -123,7 +122,6 @@ def record_in_hand(
     robot_name: str = DEFAULT_ROBOT,
     skin_torsion: float = 0.0,
     watch: Callable[[Readings], None] = lambda readings: None,
-    motion: OffsetTable | None = None,
 ) -> tuple[Streams, InertialParameters, str]:
     """Grasp, lift and move a box; return what was published, the truth and the outcome.
 
@@ -137,7 +135,6 @@ def record_in_hand(
         robot_name: file in config/robots.
         skin_torsion: largest torque of the skin about its normal over its normal force, m.
         watch: is shown all readings.
-        motion: to make aloft; sums of sines if None.
     """
     world = WorldConfig(object_name=box, skin_torsion=skin_torsion)
     config = SimulatedRobotConfig(
@@ -145,9 +142,7 @@ def record_in_hand(
     )
     robot = SimulatedRobot(config)
     kinematics, truth = HandKinematics(robot.machine), robot.world.model.inertia
-    duration = None if motion is None else motion.duration
-    grasp = robot.world.model.grasp
-    controller = GraspController(kinematics, grasp, behaviour, motion, duration)
+    controller = GraspController(kinematics, robot.world.model.grasp, behaviour)
     touch = _touch_of(robot, kinematics, seed)
     tracking, tape, pose = None, _Tape(), None
     while robot.world.time < _LIMIT_S and not controller.done:

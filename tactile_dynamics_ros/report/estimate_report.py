@@ -187,8 +187,8 @@ def _scene(
         draw_scene(longest, estimate.inertia, truth, estimate.covariance),
         "contact points with mean forces, centre of mass, ellipsoid of the same inertia",
         "Dots are where each contact touched, arrows its mean force on the object. The grey "
-        f"ellipsoid is the solid of even density with the estimated mass and inertia; blue ones "
-        f"and small dots are as likely by its interval.{warning}",
+        "ellipsoid is the solid of even density with the estimated mass and inertia; blue ones and "
+        f"small dots are as likely by its interval.{warning}",
     )
     return Section("The object between its contacts", (), [picture])
 

@@ -19,10 +19,8 @@ from tactile_dynamics_ros.core.inertia.residuals.systematic import (
     SYSTEMATIC_SIZE,
     PresumedErrors,
     lasting_basis,
-    lasting_variances,
-    remaining_noise,
-    slow_noise,
     systematic_basis,
+    systematic_variances,
     with_gains,
 )
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
@@ -45,13 +43,9 @@ def white_rows(seed: int, size: float, kinds: int = SYSTEMATIC_SIZE):
 
 
 def test_clean_residuals_presume_nothing():
-    """Next to the noise: variances are small, and next to nothing is corrected."""
-    for seed in range(20):
-        rows = white_rows(seed, 0.0)
-        found, noise = PresumedErrors.of_rows(*rows[:4], LOAD), np.diag(rows[0])
-        assert np.all(np.diag(found.covariance) < 0.3 * noise)
-        shift = rows[0] @ rows[1].T @ rows[2] @ found.errors
-        assert np.all(np.abs(shift) < 0.3 * np.sqrt(noise))
+    found = [PresumedErrors.of_rows(*white_rows(k, 0.0)[:4], LOAD) for k in range(60)]
+    assert np.mean([f.covariance[0, 0] > 0.0 for f in found]) < 0.15
+    assert np.mean([f.errors.any() for f in found]) < 0.15
 
 
 @pytest.mark.parametrize("load, left", [(100.0, 0.3), (1.0, 0.999)])
@@ -136,36 +130,9 @@ def test_contacts_that_are_elsewhere_are_covered():
     assert np.mean(without) < 0.6 and np.mean(inside) > 0.8
 
 
-def test_what_no_number_shows_is_not_presumed():
-    """Such as the zero of a sensor beside an estimated one; what one shows is as usual or more."""
-    assert not lasting_variances(np.zeros((9, 9)), np.zeros(9), LOAD).any()
-    light, heavy = (lasting_variances(1e-9 * np.eye(9), np.zeros(9), n) for n in (1.0, 10.0))
-    np.testing.assert_allclose(heavy, 100.0 * light)
-    assert np.all(light > np.repeat([0.005, 0.002], [6, 3]) ** 2)
-    assert np.all(light < np.repeat([0.05, 0.02], [6, 3]) ** 2)
-
-
-def test_correlated_residuals_are_no_lasting_errors_and_a_misfit_is_no_noise():
-    rng = np.random.default_rng(5)
-    alike = np.sqrt(10.0 * 25.0) * rng.normal(size=(200, 6))
-    assert slow_noise(1.0, alike) == pytest.approx(10.0, rel=0.2)
-    assert slow_noise(1.0, alike[:7]) == 1.0
-    assert slow_noise(9.0, 3.0 * alike) == 1.0
-
-
-def test_noise_that_is_stated_and_does_not_scatter_lasts():
-    """A tenth of the variance scatters: the rest is alike over a quarter of a second."""
-    assert remaining_noise(1.0) == 1.0 and remaining_noise(4.0) == 4.0
-    assert remaining_noise(0.1) == pytest.approx(0.1 + 25.0 * 0.8)
-
-
-def test_variances_do_not_leap_where_the_data_hardly_differ():
-    """As those of a live and an offline estimate do: by a tenth of a deviation."""
-    rng = np.random.default_rng(2)
-    mixing = rng.normal(size=(40, 61)) * 10.0 ** rng.uniform(-1.0, 2.0, 61)
-    white = rng.normal(size=40) + mixing @ rng.normal(0.0, 0.01, 61)
-    found = [lasting_variances(mixing, white + 0.1 * rng.normal(size=40), LOAD) for _ in range(20)]
-    assert np.ptp(np.log(found), axis=0).max() < 1.0
+def test_no_information_gives_no_variance():
+    [(weight, variances)] = systematic_variances(np.zeros((9, 9)), np.zeros(9))
+    assert weight == 1.0 and not variances.any()
 
 
 @pytest.mark.parametrize("box, seed", [("box_0", 300), ("box_0", 305), ("box_2", 300)])

@@ -8,7 +8,6 @@ from scipy.linalg import eigh
 from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import PARAMETER_NAMES
 from tactile_dynamics_ros.core.inertia.batch.prior import LogCholeskyPrior
-from tactile_dynamics_ros.core.inertia.residuals.systematic import remaining_noise
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     InertialParameters,
     com_inertia_jacobian,
@@ -71,8 +70,7 @@ def misfit_inflation(white_residual: Array, jacobian: Array) -> Array:
     """Factors by which standard deviations grow when residuals are large or correlated.
 
     The score of each parameter is summed over blocks of 0.5 s; where its variance between blocks
-    exceeds what white unit noise gives, the ratio (a sandwich covariance) is applied; so is noise
-    that is stated and does not scatter (`remaining_noise`).
+    exceeds what white unit noise gives, the ratio (a sandwich covariance) is applied.
 
     Args:
         white_residual: (6 N,).
@@ -92,7 +90,7 @@ def misfit_inflation(white_residual: Array, jacobian: Array) -> Array:
     influence = (directions * white_residual[used, None]).reshape(count, size, -1).sum(axis=1)
     expected = np.sum(directions**2, axis=0)
     ratio = np.sum(influence**2, axis=0) / np.maximum(expected, 1e-300)
-    scale = remaining_noise(float(np.mean(white_residual**2)))
+    scale = float(np.mean(white_residual**2))
     ratio = np.maximum(np.where(ratio > _TOLERATED_RATIO, ratio, 1.0), scale)
     return np.sqrt(np.maximum(ratio, 1.0))
 

@@ -217,8 +217,7 @@ class Accumulation:
         known = self._knowledge()
         load = float(self.phi[0] * np.linalg.norm(GRAVITY_W))
         inverse = np.asarray(np.linalg.inv(known.data + known.prior))
-        mean_square = self.information.whitened_rms**2
-        return self.lasting.presume(self.phi, inverse, known.excited, load, mean_square)
+        return self.lasting.presume(self.phi, inverse, known.excited, load)
 
     def corrected(self, errors: Array) -> Array:
         """Coordinates xi (10,) of the estimate without these lasting errors (q,)."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from functools import lru_cache
 
 import numpy as np
@@ -11,10 +10,8 @@ from scipy.special import chdtri
 
 from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.inertia.residuals.systematic import (
-    ALIKE,
     SYSTEMATIC_SIZE,
     PresumedErrors,
-    slow_noise,
     with_gains,
 )
 
@@ -22,9 +19,6 @@ _FEWEST_BLOCKS = 8
 """Blocks from which their scatter is compared with that of white noise: of eight the ratio of white
 noise lies between 0.3 and 1.9 in nine of ten cases, and 2.5 is tolerated. Fewer tell nothing; more
 leave misfit of the first seconds unseen."""
-_SUMS = 480
-"""Sums of a quarter of a second that are kept, two minutes at 100 Hz: their scatter is then known
-to 3 %. More cost memory for nothing."""
 _CONFIDENCE = 0.99
 """Quantile of chi squared that the scatter must exceed to widen intervals: chance does in one of a
 hundred. The batch estimator tolerates a fixed ratio (`uncertainty._TOLERATED_RATIO`). At 0.95 clean
@@ -160,8 +154,6 @@ class LastingErrors:
         self._cross = np.zeros((size, SYSTEMATIC_SIZE))
         self._gram = np.zeros((SYSTEMATIC_SIZE, SYSTEMATIC_SIZE))
         self._target = np.zeros(SYSTEMATIC_SIZE)
-        self._sums: deque[tuple[Array, Array]] = deque(maxlen=_SUMS)
-        self._open, self._in_sum = (np.zeros((6, size)), np.zeros(6)), 0
 
     def add(self, jacobian: Array, target: Array, basis: Array) -> None:
         """Add one sample's white rows J (6, n), t (6,) and B (6, 9 + 12 C)."""
@@ -176,15 +168,8 @@ class LastingErrors:
         self._cross[:, held] += jacobian.T @ basis
         self._gram[held, held] += basis.T @ basis
         self._target[held] += basis.T @ target
-        self._open = self._open[0] + jacobian, self._open[1] + target
-        self._in_sum += 1
-        if self._in_sum == ALIKE:
-            self._sums.append(self._open)
-            self._open, self._in_sum = (np.zeros_like(jacobian), np.zeros(6)), 0
 
-    def presume(
-        self, state: Array, inverse: Array, mapping: Array, load: float, mean_square: float
-    ) -> PresumedErrors:
+    def presume(self, state: Array, inverse: Array, mapping: Array, load: float) -> PresumedErrors:
         """Find what lasting errors do to an estimate in other coordinates.
 
         Args:
@@ -192,16 +177,12 @@ class LastingErrors:
             inverse: (n, n) inverse of the information of data and prior on its coordinates.
             mapping: (n, n) derivative of the state by these.
             load: weight of the body, N.
-            mean_square: of the white residuals.
         """
         errors = with_gains(len(self._target))
         remaining = mapping.T @ (self._gradient - self._hessian @ state)
         cross = mapping.T @ self._cross @ errors
         score = errors.T @ (self._cross.T @ state - self._target) + cross.T @ (inverse @ remaining)
-        gram = errors.T @ self._gram @ errors
-        sums = [target - jacobian @ state for jacobian, target in self._sums]
-        noise = slow_noise(mean_square, np.array(sums))
-        return PresumedErrors.find(inverse, cross, gram, score, load, noise)
+        return PresumedErrors.find(inverse, cross, errors.T @ self._gram @ errors, score, load)
 
     def in_target(self, errors: Array, factor: Array) -> Array:
         """What the constant ones of errors (q,) add to the target d of |R x - d|^2, R `factor`."""

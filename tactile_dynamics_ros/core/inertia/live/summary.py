@@ -14,10 +14,7 @@ from tactile_dynamics_ros.core.inertia.live.accumulation import Accumulation
 from tactile_dynamics_ros.core.inertia.live.live_estimate import LiveEstimate
 from tactile_dynamics_ros.core.inertia.live.pipeline import misfit_factor
 from tactile_dynamics_ros.core.inertia.live.shape_watch import ShapeWatch
-from tactile_dynamics_ros.core.inertia.residuals.systematic import (
-    PresumedErrors,
-    remaining_noise,
-)
+from tactile_dynamics_ros.core.inertia.residuals.systematic import PresumedErrors
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import InertialParameters
 from tactile_dynamics_ros.core.shape.solid import CentreHull, keep_in_hull
 
@@ -71,9 +68,7 @@ class Summariser:
         widening, excitation = self._due(model)
         if widening:
             scatter = model.scores.inflation(model.phi, covariance)
-            rms = model.information.whitened_rms
-            scatter = np.maximum(scatter * misfit_factor(rms), remaining_noise(rms**2))
-            self._widen = np.sqrt(scatter)
+            self._widen = np.sqrt(scatter * misfit_factor(model.information.whitened_rms))
         if self._presumed is None or model.samples >= self._next_presumption:
             self._presumed = model.presume_lasting_errors()
             self._next_presumption = int((1.0 + _MORE) * model.samples) + 1

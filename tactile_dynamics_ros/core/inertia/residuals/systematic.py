@@ -1,16 +1,16 @@
 """Errors that last: presumed where residuals show them, corrected as far as that is safe.
 
-A constant wrench in the body frame (sensors and finger frames that are off), a constant force in
-the world (a cable), gains of the sensors that are off, contacts that are elsewhere, and what each
-sensor shows along one axis of a load along another: each kind has a variance about a usual one,
-and is marginalised with the mean variance that the residuals leave it. The live and the offline
-estimate do so from the same sums.
+Where residuals betray a misfit, a constant wrench in the body frame (sensors and finger frames
+that are off), a constant force in the world (a cable), gains of the sensors that are off, contacts
+that are elsewhere, and what each sensor shows along one axis of a load along another are presumed,
+with the variances that make the residuals most likely. On data that the model fits, they are zero.
 
 A reported estimate is corrected by the constant wrench of the sensors, to which a small share of
 the load is granted beforehand: residuals are correlated, and much that is not modelled, such as
 fingertips that give way to inertial forces, looks a little like it. What all presumed errors would
-shift the parameters by is added to the covariance, as if nothing had been corrected. A gain that
-all sensors share leaves no trace: only how much they differ says how far they may be off together.
+shift the parameters by is added to the covariance, as if nothing had been corrected; explanations
+that the data do not tell apart count by their probability. A gain that all sensors share leaves no
+trace: only how much they differ says how far they may be off together.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.special import ndtri, stdtrit
 
 from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples
@@ -35,6 +35,9 @@ first. Fixed by these kinds."""
 _PER_SENSOR = 13
 """Errors of a sensor: its gain, the place of its contact (3), and the nine entries of the matrix
 that mixes its axes. Fixed by these kinds."""
+_GAINS = 2
+"""Place of the gains among the kinds of errors: body, world, gains, places, mixings. Fixed by this
+order; at another one the variance of other errors would grow for how few the gains are."""
 
 _GRANTED = 0.003
 """Standard deviation, over the load, of the constant wrench by which estimates are corrected. Of 32
@@ -42,39 +45,32 @@ recordings in the simulated hand masses were off by 1.36 and 1.04 % RMS with it,
 without, and 1.0 % with twice as much; but five quick motions of the demo were off by 1.8 % with it
 and 2.7 % with twice as much (docs/lab/in_hand.md)."""
 
-_USUAL = np.array([0.005, 0.002, 0.03, 0.002, 0.02])
-"""Standard deviations of errors of each kind before any data: constant wrenches of the body and
-forces of the world over the load, gains, places in m, and mixed axes. Fingertips that were
-calibrated by presses in the simulated hand; halves and doubles change intervals there by a tenth,
-since data decide."""
-_WIDTHS = np.array([1.5, 1.5, 1.0, 1.0, 1.0])
-"""Standard deviations of their logarithms upwards: a factor of e more is usual, one of e^3 = 20 is
-not ruled out; constant wrenches may also be those of a cable. At half of it gains of 20 % are held
-back, at twice what is seen live and what is seen offline give different intervals."""
-_NARROWER = 3.0
-"""The same downwards, of all kinds: sensors may be as good as exact. At 1 masses that are known to
-0.04 % on clean recordings of three seconds get intervals of 1 %."""
-_LEVELS = np.linspace(-8.0, 5.0, 66)
-"""Logarithms that are tried, over `_WIDTHS`; further out none is likely. Twice as many change no
-variance by a percent."""
-ALIKE = 25
-"""Samples that are alike in what noise lasts, a quarter of a second at 100 Hz. In the simulated
-hand (11 recordings) 95 % of intervals of 90 % hold at 25 and the worst is off by 2.3 standard
-deviations; at 12 93 % and 3.1, at 50 98 % and 2.6. Without it moments of inertia were off by up to
-4.1 where the residuals scatter by 0.4 of what fingertips state."""
-_FEWEST_SUMS = 8
-"""Sums of so many samples from which their scatter counts, two seconds: 48 numbers are then known
-to a fifth. Fewer widen by chance, more leave the first seconds with errors that are too large."""
-_OVERSTATED = 0.9
-"""Mean square of white residuals below which noise is stated that does not scatter: chance stays
-above it from 300 samples on. At 1 clean recordings get wider intervals by chance."""
-_ROUNDS = 4
-"""Rounds in which the variance of each kind is found beside those of the others. Four are at the
-end to a percent; each costs as much as the first."""
+_LIKELIHOOD_GAIN = 3.84
+"""By how much twice the log likelihood must grow for each variance of lasting errors that is
+presumed: 0.95 quantile of chi squared with one degree of freedom. Clean recordings then get wider
+intervals in at most one case of twenty; 2.7 would be one in ten, and 6.6 one in a hundred, at the
+price of errors that stay unnoticed."""
+_DECADES = np.geomspace(1e-10, 1e6, 161)
+"""Variances that are tried, over that at which errors and white noise are alike: sixteen decades,
+ten values each. The best lies within 12 % of one of them, in standard deviation 6 %. A coarser grid
+chooses variances that are further off, a narrower one cuts off large errors."""
 _SMALLEST_LEVER = 0.01
 """Lever, m, that presumed torques have at least: contacts that all lie at the body's origin would
 leave none. Contacts around an object are farther apart, so that it hardly acts. Larger presumes too
 large errors of torque for a small grasp; at zero a sensor at the origin has a basis of zeros."""
+_IMPROBABLE = 0.01
+"""Probability, over that of the most probable explanation, below which one is left out: it would
+have added a hundredth of the variance that it leaves. A tenth leaves out what may well
+hold, a thousandth costs time."""
+_USUAL = np.array([np.inf, np.inf, 0.1, 0.005, 0.1])
+"""Standard deviations of errors of each kind before any data: a tenth for gains and mixed axes, and
+the 5 mm of a fingertip's patch for places; constant wrenches may be anything. Without them gains of
+300 % were presumed in the simulated hand where places explain what remains. Smaller ones hold gains
+of 20 % back, larger ones let kinds trade places where few numbers show them."""
+_QUANTILE = 0.95
+"""Quantile of Student's t at which few gains are made up for: that of two-sided 90 % intervals, as
+the product states them. A higher one widens intervals of few gains more: Student's tails differ the
+more from the normal's, the farther out one looks."""
 _LEAST_SHARE = 1e-4
 """Share of a unit error that must be left beside the body's parameters to be shown by data; of less
 the rest is rounding and what noise of the regressors leaves of it. With none, the gain of an only
@@ -151,83 +147,99 @@ def with_gains(columns: int) -> Array:
     return np.concatenate([every[:, :SYSTEMATIC_SIZE], gains, places, mixed], axis=1)
 
 
-def lasting_variances(mixing: Array, white: Array, load: float) -> Array:
-    """Mean variances (q,) of the errors, given what data show of them and what is usual.
+def systematic_variances(mixing: Array, white: Array) -> list[tuple[float, Array]]:
+    """Probabilities of explanations of the data, each with variances (q,) of the errors.
 
     With errors of variances D the numbers that data show of them are N(0, 1 + A D A^T). D is one
-    number each for constant wrenches of the body, constant forces
-    of the world, and gains, places and mixings of sensors, log-normal about `_USUAL`; each is the
-    mean of its posterior beside the others. Nothing is chosen, so that data that differ a little
-    give intervals that differ a little. What no number shows, such as the zero of a sensor beside
-    an estimated one, is not presumed. Source: Gelman et al. 2013, ch. 5 (hierarchical models).
+    number each for constant wrenches of the body, constant forces of the world, and gains, places
+    and mixings of sensors; that of gains is widened for how few they are. An explanation has some
+    of these kinds, with the variances that make the data most likely; every kind in it has to earn
+    what would be significant (5 %), and none at all is one. Kinds are added to the most likely
+    explanation one at a time. Explanations are weighed by their likelihoods, since short recordings
+    do not tell them apart, and each leaves other parameters uncertain. Source: Hoeting et al. 1999.
 
     Args:
         mixing: (r, q) A, see `_shown`; q is 9 + 13 C, or 9 of an only sensor.
         white: (r,) white numbers, see `_shown`.
-        load: N, weight that the sensors carry.
+
+    Returns:
+        The most probable first.
     """
     contacts = (mixing.shape[1] - SYSTEMATIC_SIZE) // _PER_SENSOR
     sizes = np.array([_BODY_SIZE, SYSTEMATIC_SIZE - _BODY_SIZE, *contacts * np.array([1, 3, 9])])
+    sizes = sizes[sizes > 0]
     parts = np.split(mixing, np.cumsum(sizes)[:-1], axis=1)
     shapes = np.array([part @ part.T for part in parts])
-    usual = (_USUAL * [load, load, 1.0, 1.0, 1.0]) ** 2
-    tried = usual[:, None] * np.exp(2.0 * np.outer(_WIDTHS, _LEVELS))
-    unusual = _LEVELS * np.where(_LEVELS > 0.0, 1.0, _WIDTHS[:, None] / _NARROWER)
-    found = usual * (sizes > 0)
-    for _ in range(_ROUNDS):
-        for kind in np.flatnonzero(sizes):
-            found[kind] = 0.0
-            rest = np.eye(len(white)) + np.tensordot(found, shapes, axes=1)
-            found[kind] = _mean_variance(rest, parts[kind], white, tried[kind], unusual[kind] ** 2)
-    return np.repeat(found, sizes) * mixing.any(axis=0)
+    best, cost = np.zeros(len(sizes)), float(white @ white)
+    found = [(cost, best)]
+    for _ in sizes:
+        absent = np.flatnonzero(best == 0.0).tolist()
+        tried = [_with_kind(white, shapes, best, kind) for kind in absent]
+        found += [(c, v) for c, v in tried if np.count_nonzero(v) > np.count_nonzero(best)]
+        if (least := min(found, key=lambda f: f[0]))[0] >= cost:
+            break
+        cost, best = least
+    costs = np.array([c for c, _ in found])
+    weights = np.exp(-0.5 * (costs - costs.min()))
+    weights *= weights > _IMPROBABLE
+    weights /= weights.sum()
+    if contacts:
+        for _, variances in found:
+            variances[_GAINS] *= _student_factor(variances, shapes)
+    order = np.argsort(-weights, kind="stable")
+    return [(float(weights[k]), np.repeat(found[k][1], sizes)) for k in order if weights[k] > 0.0]
 
 
-def _mean_variance(rest: Array, part: Array, white: Array, tried: Array, cost: Array) -> float:
-    """Mean of a variance v of white (r,) ~ N(0, rest + v part part^T).
+def _with_kind(white: Array, shapes: Array, variances: Array, kind: int) -> tuple[float, Array]:
+    """Cost and variances v of white ~ N(0, 1 + sum v_k S_k) with one kind more, found in turn.
 
-    Args:
-        rest: (r, r).
-        part: (r, n).
-        white: (r,).
-        tried: (l,) values of v.
-        cost: (l,) -2 log of their probability beforehand.
+    The cost is -2 log likelihood and what each variance has to earn.
     """
-    factor = np.linalg.cholesky(rest)
-    both = solve_triangular(factor, np.column_stack([part, white]), lower=True)
-    axes, sizes, _ = np.linalg.svd(both[:, :-1], full_matrices=False)
-    growth = 1.0 + np.outer(tried, sizes**2)
-    cost = cost + np.sum(np.log(growth) + (axes.T @ both[:, -1]) ** 2 / growth, axis=1)
-    weights = np.exp(-0.5 * (cost - cost.min()))
-    return float(weights @ tried / weights.sum())
+    found, cost = variances.copy(), np.inf
+    for own in (kind, *np.flatnonzero(variances).tolist()):
+        found[own], cost = _most_likely_one(white, shapes, found, own)
+    return cost, found
 
 
-def remaining_noise(mean_square: float) -> float:
-    """Variance of what many samples say, over that of white noise as it is stated.
+def _student_factor(variances: Array, shapes: Array) -> float:
+    """Factor by which the variance of few gains grows, so that normal 90 % intervals hold.
 
-    Where residuals scatter by less than is stated, the rest of the stated noise is alike from one
-    sample to the next: s + n (1 - s), s the share that scatters and n samples alike (`ALIKE`).
-
-    Args:
-        mean_square: of the white residuals.
+    The numbers that data show of gains with covariance v S beside other errors C are
+    nu = tr(v S (v S + C)^-1), at least one; the factor is (t_nu / t_inf)^2 at 95 %.
     """
-    return mean_square + ALIKE * max(0.0, _OVERSTATED - mean_square)
+    total = _covariance(variances, shapes)
+    own = variances[_GAINS] * shapes[_GAINS]
+    shown = max(float(np.trace(np.linalg.solve(total, own))), 1.0)
+    return float((stdtrit(shown, _QUANTILE) / ndtri(_QUANTILE)) ** 2)
 
 
-def slow_noise(mean_square: float, sums: Array) -> float:
-    """The same for lasting errors, at least what sums over a quarter of a second scatter by.
+def _covariance(variances: Array, shapes: Array) -> Array:
+    """1 + sum v_k S_k, (r, r)."""
+    return np.asarray(np.eye(shapes.shape[1]) + np.tensordot(variances, shapes, axes=1))
 
-    Fingertips remember: what remains of them is correlated, and would pass for lasting errors. What
-    a model misses is no noise: where the residuals are larger than stated by a factor f in
-    variance, they count as stated, and how they are correlated by 1 / f^2.
 
-    Args:
-        mean_square: of the white residuals.
-        sums: (K, 6) of the white residuals over `ALIKE` samples each.
+def _most_likely_one(
+    white: Array, shapes: Array, variances: Array, kind: int
+) -> tuple[float, float]:
+    """Variance of one kind given those of the others, and -2 log likelihood with it.
+
+    Every variance that is not zero has to earn what would be significant.
     """
-    least = remaining_noise(min(mean_square, 1.0))
-    if len(sums) < _FEWEST_SUMS:
-        return least
-    return max(least, float(np.mean(sums**2)) / ALIKE / max(1.0, mean_square) ** 3)
+    others = variances.copy()
+    others[kind] = 0.0
+    size = float(np.trace(shapes[kind]))
+    factor = np.linalg.cholesky(_covariance(others, shapes))
+    inverse = np.linalg.inv(factor)
+    values, vectors = np.linalg.eigh(inverse @ shapes[kind] @ inverse.T)
+    square = (vectors.T @ (inverse @ white)) ** 2
+    tried = np.append(0.0, _DECADES * len(white) / size) if size > 0.0 else np.zeros(1)
+    growth = 1.0 + np.multiply.outer(tried, np.maximum(values, 0.0))
+    costs = np.sum(np.log(growth) + square / growth, axis=1)
+    costs += 2.0 * np.sum(np.log(np.diag(factor)))
+    costs += _LIKELIHOOD_GAIN * (np.count_nonzero(others) + (tried > 0.0))
+    costs += tried / _USUAL[kind] ** 2 + float(np.sum(others / _USUAL[: len(others)] ** 2))
+    best = int(np.argmin(costs))
+    return float(tried[best]), float(costs[best])
 
 
 @dataclass(frozen=True)
@@ -246,13 +258,7 @@ class PresumedErrors:
 
     @classmethod
     def find(
-        cls,
-        inverse: Array,
-        cross: Array,
-        gram: Array,
-        score: Array,
-        load: float,
-        noise: float,
+        cls, inverse: Array, cross: Array, gram: Array, score: Array, load: float
     ) -> PresumedErrors:
         """Find them in the sums that a fit leaves.
 
@@ -262,18 +268,20 @@ class PresumedErrors:
             gram: (q, q) B^T B.
             score: (q,) B^T r of the residuals after the fit.
             load: N, weight that the sensors carry.
-            noise: see `slow_noise`.
         """
         by_error = inverse @ cross
         beside = gram - cross.T @ by_error
         mixing, white = _shown(gram, beside, score)
-        unit = np.sqrt(noise)
-        variances = lasting_variances(mixing / unit, white / unit, load)
+        explanations = systematic_variances(mixing, white)
+        moment = np.zeros_like(gram)
+        for weight, variances in explanations:
+            moment += weight * _second_moment(variances, mixing, white)
         granted = np.zeros(len(gram))
-        granted[:_BODY_SIZE] = np.minimum(variances[:_BODY_SIZE], (_GRANTED * load) ** 2)
+        probable = explanations[0][1][:_BODY_SIZE]
+        granted[:_BODY_SIZE] = np.minimum(probable, (_GRANTED * load) ** 2)
         corrected, posterior = _posterior(granted, mixing, white)
         spread = np.sqrt(np.diag(posterior))
-        return cls(corrected, spread, np.asarray((by_error * variances) @ by_error.T))
+        return cls(corrected, spread, np.asarray(by_error @ moment @ by_error.T))
 
     @classmethod
     def of_rows(
@@ -282,10 +290,7 @@ class PresumedErrors:
         """`find` in white rows: J (n, p), B (n, q) and r (n,)."""
         cross = jacobian.T @ basis
         score = basis.T @ residual - cross.T @ (inverse @ (jacobian.T @ residual))
-        count = len(residual) // (6 * ALIKE)
-        sums = residual[: count * 6 * ALIKE].reshape(count, ALIKE, 6).sum(axis=1)
-        noise = slow_noise(float(np.mean(residual**2)), sums)
-        return cls.find(inverse, cross, basis.T @ basis, score, load, noise)
+        return cls.find(inverse, cross, basis.T @ basis, score, load)
 
 
 def _shown(gram: Array, beside: Array, score: Array) -> tuple[Array, Array]:
@@ -318,3 +323,16 @@ def _posterior(variances: Array, mixing: Array, white: Array) -> tuple[Array, Ar
     own = mixing * root
     spread = np.linalg.inv(np.eye(len(root)) + own.T @ own) * np.outer(root, root)
     return spread @ (mixing.T @ white), spread
+
+
+def _second_moment(variances: Array, mixing: Array, white: Array) -> Array:
+    """E[b b^T] (q, q) of the presumed errors b.
+
+    Gains of sensors are what the data say of them. Constant errors stand in for much that is not
+    modelled, so that their variance alone counts.
+    """
+    moment = np.diag(variances)
+    mean, spread = _posterior(variances, mixing, white)
+    gains = slice(SYSTEMATIC_SIZE, None)
+    moment[gains, gains] = spread[gains, gains] + np.outer(mean[gains], mean[gains])
+    return moment

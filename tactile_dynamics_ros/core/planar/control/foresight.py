@@ -43,7 +43,7 @@ class Task:
         """Yield the error at the goal, m, for four places of the true centre of mass.
 
         The controller pushes in closed loop what it takes for an object with the mean centre; the
-        places are the cubature points of the belief, x +- sqrt(2) L_k with L L' = its covariance.
+        places are the cubature points of the belief, x ± sqrt(2) L_k with L L' = its covariance.
         Mass and friction do not count: pushes to a goal are slow.
 
         Args:
