@@ -20,6 +20,7 @@ class Worker:
     def __init__(self, listener, kind, name):
         self.listener, self.goals, self.stops = listener, [], 0
         listener.node.require_active = lambda: None  # it is no managed node
+        listener.node.actions = []  # as a managed node has them
         self.action = Action(listener.node, kind, name, self.goals.append, self.stop)
 
     def stop(self):
@@ -58,6 +59,8 @@ def test_a_goal_is_sent_and_its_feedback_and_result_are_printed(worker):
         "send-goal", "goals/push", "{pose: {pose: {position: {x: 1}}}}", "--feedback", "--json"
     )
     assert pushing.goals[0].pose.pose.position.x == 1.0
+    heard = "/goals/push/_action/feedback"
+    pushing.listener.wait(lambda: pushing.listener.node.count_subscribers(heard), 30.0, heard)
     pushing.action.tell("push", 0.25, "30 mm to go")
     pushing.action.end(True, "near enough", {"reached": True}, pushes=3)
     code, out, err = pushing.finish(command)
