@@ -187,6 +187,8 @@ def fit_corrected(model: FittedModel) -> FittedModel:
     stretches = [replace(stretch, residual=stretch.residual - part) for stretch, part in pairs]
     trusted = model.prior.weighted(_misfit(stretches))
     xi, _, converged = _solve(stretches, model.xi, (), (), trusted, model.unexcited)
+    if not converged:  # a flat body creeps: no alternation follows that would take it on
+        xi, _, converged = _solve(stretches, xi, (), (), trusted, model.unexcited)
     return replace(model, xi=xi, converged=model.converged and converged, corrected=found)
 
 
