@@ -8,11 +8,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from tactile_dynamics_ros.core.discrepancy import diagnosis as diagnosis_module
 from tactile_dynamics_ros.core.discrepancy.comparison import compare
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.discrepancy.documents import diagnosis_document, group_clause
@@ -448,3 +450,31 @@ def test_where_it_fails_is_where_the_law_acts() -> None:
     comparison = compare(SlidingBlock(slide(7, cubic_drag=0.08)))
     assert not comparison.assessment.adequate
     assert any("speed" in place.condition for place in comparison.places)
+
+
+def test_a_rival_that_leaves_no_more_than_sensors_state_is_not_excluded(monkeypatch):
+    """Effects of many sensors take up the sensors' own errors too, and so fit better."""
+    model = SimpleNamespace(is_possible=lambda name: True, imitators=lambda name: ())
+    family = SimpleNamespace(contains=None)
+
+    def trial(name, criterion, rms):
+        held = SimpleNamespace(rms=rms)
+        source = SimpleNamespace(family=family)
+        return SimpleNamespace(
+            name=name, criterion=criterion, held_out=held, model=model, source=source
+        )
+
+    best, rival = trial("force_drift", 0.0, 0.7), trial("mass_change", 900.0, 1.1)
+    choice = SimpleNamespace(
+        best=best, rivals=(rival,), model=model, equals=(), dispersion=50.0, without=2000.0
+    )
+    monkeypatch.setattr(diagnosis_module, "noise_floor", lambda _: 0.5)
+    monkeypatch.setattr(diagnosis_module, "fits_equally", lambda *_: False)
+    for stated, before, group in (
+        (True, False, ("force_drift", "mass_change")),
+        (False, False, ()),
+        (True, True, ()),  # the body alone leaves no more either: that tells nothing
+    ):
+        monkeypatch.setattr(diagnosis_module, "is_within_stated", lambda *_, s=stated: s)
+        found = diagnosis_module.find_group(choice, DiagnosisConfig(), before)
+        assert found == (group, bool(group))

@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from tactile_dynamics_ros.core.discrepancy.challenges import follows_other_law, is_outdone, temper
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Convention, ResidualModel
 from tactile_dynamics_ros.core.discrepancy.regimes.finding import RegimeFinding, regime_of
@@ -23,7 +25,12 @@ from tactile_dynamics_ros.core.discrepancy.search import (
 from tactile_dynamics_ros.core.discrepancy.signature import Signature, describe_residual
 from tactile_dynamics_ros.core.discrepancy.simpler import on_fewer_sensors, with_equals
 from tactile_dynamics_ros.core.discrepancy.trials import Choice, Trial, contains
-from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import Assessment, assess
+from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import (
+    Assessment,
+    assess,
+    is_within_stated,
+    noise_floor,
+)
 from tactile_dynamics_ros.core.discrepancy.verdict.judgement import Judgement, judge
 from tactile_dynamics_ros.core.discrepancy.verdict.materiality import (
     NEAR_FLOOR,
@@ -168,7 +175,7 @@ def diagnose(
         if steps[0].after.within_stated:
             steps = (temper(steps[0]),)
     step = steps[0]
-    group, ambiguous = find_group(step.choice, config)
+    group, ambiguous = find_group(step.choice, config, first.within_stated)
     if first.within_stated and any(r.source.family.lasting for r in step.choice.named(group)):
         return unnamed("adequate", steps, floor)
     if len(steps) == 1:
@@ -250,16 +257,26 @@ def _accounts_for(
     return share >= config.complete or not follows_other_law(steps[-1], floor, config.indifference)
 
 
-def find_group(choice: Choice, config: DiagnosisConfig) -> tuple[tuple[str, ...], bool]:
+def find_group(
+    choice: Choice, config: DiagnosisConfig, within_stated: bool
+) -> tuple[tuple[str, ...], bool]:
     """Rivals that the data cannot tell from the best, and whether one of them is as plausible.
 
     They fit held-out blocks as well, and are as plausible or contain what the best explains: more
     data along the same motion could not refute them either. What the model knows to imitate the
     best is as plausible. What equals the best at its own whitening is as plausible; where lasting
-    errors remain, so is all that fits held-out blocks. One that merely contains another of them, as
-    a drift contains a bias, says no more than that and is left out.
+    errors remain, so is all that fits held-out blocks, and all that leaves no more than sensors
+    state: a drift of each of them takes up their own errors too, a load that changes does not. One
+    that merely contains another of them, as a drift contains a bias, says no more than that and is
+    left out.
+
+    Args:
+        choice: the best effect and its rivals.
+        config: of the diagnosis.
+        within_stated: whether sensors account for the residual of the model without any of them.
     """
     best, lasting = choice.best, choice.dispersion > 1.0
+    floor = noise_floor(choice.model) if lasting else np.inf
 
     def is_plausible(rival: Trial) -> bool:
         close = rival.criterion < best.criterion + config.indifference
@@ -267,6 +284,8 @@ def find_group(choice: Choice, config: DiagnosisConfig) -> tuple[tuple[str, ...]
 
     def is_equal(rival: Trial) -> bool:
         if rival.name in choice.equals or (lasting and is_plausible(rival)):
+            return True
+        if not within_stated and is_within_stated(rival.model, floor):
             return True
         if not fits_equally(best.held_out, rival.held_out):
             return False

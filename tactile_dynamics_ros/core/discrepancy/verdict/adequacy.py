@@ -100,7 +100,7 @@ class Assessment:
 
         That can be more than white noise, such as gains of sensors that are off for good.
         """
-        return self.lasting_is_stated and _is_within_stated(self.model, self.structure.floor)
+        return is_within_stated(self.model, self.structure.floor)
 
     @cached_property
     def p_value(self) -> float:
@@ -141,13 +141,15 @@ def assess(
     return Assessment(model, structure, significance, None if names is None else tuple(names))
 
 
-def _is_within_stated(model: ResidualModel, floor: float) -> bool:
-    """Whether errors of the stated size that last may leave such a residual.
+def is_within_stated(model: ResidualModel, floor: float) -> bool:
+    """Whether sensors state more than white noise of RMS `floor`, and may leave such a residual.
 
     Beyond the white noise they are few, so that their mean square scatters like chi^2 with as many
     degrees of freedom; no second exceeds twice that; and they are slow: above 5 Hz there is no more
     than a quarter of them.
     """
+    if floor >= _WHITE_PART:
+        return False
     time, white = instants(model)
     square = (white**2).mean(axis=1)
     freedom = model.lasting_freedom
