@@ -185,9 +185,7 @@ def _ask_all(executor: Executor, jobs: Sequence[Job]) -> dict[Job, Answer]:
             job = futures[future]
             try:
                 answers[job] = future.result()
-            except (
-                Exception
-            ) as error:  # the worker or the cluster is gone: `ask` itself never raises
+            except Exception as error:  # not of `ask`: the worker or the cluster is gone
                 said = f"its worker was lost: {error}"
                 answers[job] = Answer(job.recording, job.folder, "crashed", 0.0, {}, said)
             _tell(len(answers), len(jobs), answers[job])

@@ -156,8 +156,10 @@ def run(args: Namespace) -> int:
     say(f"recorded {out / 'recording'}; all processes are stopped; estimating from the recording")
     from tactile_dynamics_ros.cli.demo_result import Findings, summarise_demo
 
-    found = story and Findings(story.diagnosis, story.seconds, None)
-    found = found and replace(found, offline=_explain(out, found.effects, say))
+    found = None
+    if story is not None:
+        live = Findings(story.diagnosis, story.seconds, None)
+        found = replace(live, offline=_explain(out, live.effects, say))
     result = summarise_demo(out, monitor.history(), truth, _command(args), say, found)
     if story and found:
         result |= story.document() | {"explanation": found.offline}

@@ -227,9 +227,7 @@ def summarise_demo(
 
 
 def _estimate(
-    recording: Recording,
-    effects: Sequence[str],
-    say: Callable[[str], None],
+    recording: Recording, effects: Sequence[str], say: Callable[[str], None]
 ) -> tuple[FittedModel, Sequence[str]]:
     """Return the fit with effects, or of the body alone where that has none, and its effects."""
     try:

@@ -201,12 +201,11 @@ class ExplorerNode(Shell):
         second = self.scene.second_outline()
         return self.scene.seen(), [] if second is None else [second]
 
-    def _beliefs(self) -> list[Belief]:
+    def _beliefs(self, explorer: PairExplorer) -> list[Belief]:
         """What is known of each of two parts."""
         assert self._pair is not None
-        outlines = self.scene.first_part().outline, self.scene.of_second()[1]
-        values = self._pair.values
-        return [self.scene.belief(convex_hull(o), values(k)) for k, o in enumerate(outlines)]
+        outlines = [each.thing.outline for each in explorer.explorers]
+        return [self.scene.belief(o, self._pair.values(k)) for k, o in enumerate(outlines)]
 
     def _freeing(self) -> Performance | None:
         """Let go first of what a pull still holds that was stopped; None where jaws are closed."""
@@ -314,7 +313,7 @@ class ExplorerNode(Shell):
             assert self._pair is not None
             poses = np.stack([self._view(part)[0].pose for part in (0, 1)])
             run.choosing = self._background.submit(
-                next_push, run.explorer, self._pair.found, self._beliefs(), poses
+                next_push, run.explorer, self._pair.found, self._beliefs(run.explorer), poses
             )
         else:
             seen, others = self._view(0)

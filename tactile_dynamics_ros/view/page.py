@@ -16,7 +16,8 @@ from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion
 from tactile_dynamics_ros.view.gate import Gate
 from tactile_dynamics_ros.view.robot import RobotFigure
-from tactile_dynamics_ros.view.state import Body, Force, Push, Quantity, State, error_marks
+from tactile_dynamics_ros.view.state import Body, Force, Push, State, error_marks
+from tactile_dynamics_ros.view.texts import write_numbers, write_verdict
 
 METRES_PER_NEWTON = 0.02
 """Length of a force's arrow: fingertips press with 1 to 5 N, which is as long as an object."""
@@ -119,8 +120,8 @@ class LivePage:
                     self._drawn.pop(name).remove()
             for name, force in state.forces.items():
                 self._show_force(name, force)
-        self._say(self._verdict, _verdict(state))
-        self._say(self._numbers, _numbers(state))
+        self._say(self._verdict, write_verdict(state))
+        self._say(self._numbers, write_numbers(state))
         self._offer([name for name in state.missing if name not in state.effects])
 
     def draw_charts(self, state: State) -> None:
@@ -369,40 +370,3 @@ class LivePage:
 def _place(node: Any, pose: Array) -> None:
     node.position = pose[:3, 3]
     node.wxyz = np.roll(matrix_to_quaternion(pose[:3, :3]), 1)
-
-
-def _verdict(state: State) -> str:
-    """The two sentences that matter most, as HTML."""
-    colour = "#2e9e77" if state.good and state.fits else "#c8423b"
-    told = (state.verdict, state.remark, state.plan)
-    lines = [text for text in told if text] or ["waiting for an estimate"]
-    paragraphs = "".join(f"<p style='margin:.2em 0'>{html.escape(line)}</p>" for line in lines)
-    style = f"border-left:5px solid {colour};padding:.3em .7em;margin:.4em"
-    return f"<div id='verdict' style='{style}'>{paragraphs}</div>"
-
-
-def _numbers(state: State) -> str:
-    """The numbers with their standard deviations, as HTML."""
-    rows: list[tuple[str, str]] = []
-    if state.body is not None:
-        mass = state.body.mass
-        rows.append(("mass", f"{1e3 * mass.value:.1f} ± {1e3 * mass.std:.1f} g"))
-        for axis, value, std in zip("xyz", state.body.com, state.body.com_std, strict=True):
-            rows.append((f"centre of mass {axis}", f"{1e3 * value:.1f} ± {1e3 * std:.1f} mm"))
-    rows += state.numbers.items()
-    if state.friction is not None:
-        rows.append(("friction", _plain(state.friction)))
-    if state.error is not None:
-        rows.append(("error", f"{state.error:.2f} × the noise (floor {state.floor:.2f})"))
-    if state.effects:
-        rows.append(("effects of the model", html.escape(", ".join(state.effects))))
-    rows += [("it fails", html.escape(place)) for place in state.fails]
-    cells = "".join(
-        f"<tr><td style='padding-right:1.2em'>{name}</td><td>{value}</td></tr>"
-        for name, value in rows
-    )
-    return f"<table id='numbers' style='margin:.4em 1em'>{cells}</table>"
-
-
-def _plain(quantity: Quantity) -> str:
-    return f"{quantity.value:.3f} ± {quantity.std:.3f}"

@@ -468,7 +468,8 @@ def test_a_rival_that_leaves_no_more_than_sensors_state_is_not_excluded(monkeypa
     choice = SimpleNamespace(
         best=best, rivals=(rival,), model=model, equals=(), dispersion=50.0, without=2000.0
     )
-    monkeypatch.setattr(diagnosis_module, "noise_floor", lambda _: 0.5)
+    after = SimpleNamespace(structure=SimpleNamespace(floor=0.5))
+    step = SimpleNamespace(choice=choice, after=after)
     monkeypatch.setattr(diagnosis_module, "fits_equally", lambda *_: False)
     for stated, before, group in (
         (True, False, ("force_drift", "mass_change")),
@@ -476,5 +477,5 @@ def test_a_rival_that_leaves_no_more_than_sensors_state_is_not_excluded(monkeypa
         (True, True, ()),  # the body alone leaves no more either: that tells nothing
     ):
         monkeypatch.setattr(diagnosis_module, "is_within_stated", lambda *_, s=stated: s)
-        found = diagnosis_module.find_group(choice, DiagnosisConfig(), before)
+        found = diagnosis_module.find_group(step, DiagnosisConfig(), before)
         assert found == (group, bool(group))

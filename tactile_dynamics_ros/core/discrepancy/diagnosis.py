@@ -6,8 +6,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
-import numpy as np
-
 from tactile_dynamics_ros.core.discrepancy.challenges import follows_other_law, is_outdone, temper
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Convention, ResidualModel
 from tactile_dynamics_ros.core.discrepancy.regimes.finding import RegimeFinding, regime_of
@@ -24,12 +22,11 @@ from tactile_dynamics_ros.core.discrepancy.search import (
 )
 from tactile_dynamics_ros.core.discrepancy.signature import Signature, describe_residual
 from tactile_dynamics_ros.core.discrepancy.simpler import on_fewer_sensors, with_equals
-from tactile_dynamics_ros.core.discrepancy.trials import Choice, Trial, contains
+from tactile_dynamics_ros.core.discrepancy.trials import Trial, contains
 from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import (
     Assessment,
     assess,
     is_within_stated,
-    noise_floor,
 )
 from tactile_dynamics_ros.core.discrepancy.verdict.judgement import Judgement, judge
 from tactile_dynamics_ros.core.discrepancy.verdict.materiality import (
@@ -175,7 +172,7 @@ def diagnose(
         if steps[0].after.within_stated:
             steps = (temper(steps[0]),)
     step = steps[0]
-    group, ambiguous = find_group(step.choice, config, first.within_stated)
+    group, ambiguous = find_group(step, config, first.within_stated)
     if first.within_stated and any(r.source.family.lasting for r in step.choice.named(group)):
         return unnamed("adequate", steps, floor)
     if len(steps) == 1:
@@ -258,7 +255,7 @@ def _accounts_for(
 
 
 def find_group(
-    choice: Choice, config: DiagnosisConfig, within_stated: bool
+    step: Step, config: DiagnosisConfig, within_stated: bool
 ) -> tuple[tuple[str, ...], bool]:
     """Rivals that the data cannot tell from the best, and whether one of them is as plausible.
 
@@ -271,12 +268,13 @@ def find_group(
     left out.
 
     Args:
-        choice: the best effect and its rivals.
+        step: the best effect and its rivals.
         config: of the diagnosis.
         within_stated: whether sensors account for the residual of the model without any of them.
     """
+    choice, floor = step.choice, step.after.structure.floor
     best, lasting = choice.best, choice.dispersion > 1.0
-    floor = noise_floor(choice.model) if lasting else np.inf
+    leaves_more = lasting and not within_stated
 
     def is_plausible(rival: Trial) -> bool:
         close = rival.criterion < best.criterion + config.indifference
@@ -285,7 +283,7 @@ def find_group(
     def is_equal(rival: Trial) -> bool:
         if rival.name in choice.equals or (lasting and is_plausible(rival)):
             return True
-        if not within_stated and is_within_stated(rival.model, floor):
+        if leaves_more and is_within_stated(rival.model, floor):
             return True
         if not fits_equally(best.held_out, rival.held_out):
             return False

@@ -157,7 +157,7 @@ def _summarise(
         ExplanationStep(
             step.name,
             held_out(step.choice.model).rms,
-            find_group(step.choice, config, first.assessment.within_stated)[0],
+            find_group(step, config, first.assessment.within_stated)[0],
         )
         for step in steps
     )

@@ -18,7 +18,7 @@ from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import (
     PARAMETER_NAMES,
     InertialEstimate,
 )
-from tactile_dynamics_ros.core.inertia.batch.knowledge import larger_than_body
+from tactile_dynamics_ros.core.inertia.batch.knowledge import larger_than_body, whitening
 from tactile_dynamics_ros.core.inertia.batch.prior import LogCholeskyPrior
 from tactile_dynamics_ros.core.inertia.shape_prior import (
     FLATTEST,
@@ -315,9 +315,7 @@ def nearest_density(phi: Array, covariance: Array, masses: Array) -> Array:
 
     Source: Lawson, Hanson 1974, ch. 23.
     """
-    scale = np.sqrt(np.diag(covariance))
-    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-    white = (vectors / np.sqrt(np.maximum(values, _LOST * values[-1]))).T / scale
+    white = whitening(covariance)
     even = _LEAST_SHARE * masses.mean(axis=0)
     shares, _ = nnls(phi[0] * white @ masses.T, white @ (phi - phi[0] * even))
     return np.asarray(phi[0] * (shares @ masses + even))

@@ -80,9 +80,7 @@ class RegimeSearch:
         if not conditions:
             return None
         sums = CellSums.of(model)
-        channels = len(model.residual) // len(conditions[0].values)
-        cells = [slice(r.start // channels, r.stop // channels) for r in sums.rows]
-        gates = gates_to_try(conditions, cells)
+        gates = gates_to_try(model, conditions, sums)
         return cls(sums, families, everywhere, gates, floor) if gates.gates else None
 
     def candidates(

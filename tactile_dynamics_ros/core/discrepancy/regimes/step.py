@@ -268,13 +268,11 @@ def find_error_regime(model: ResidualModel, floor: float) -> ErrorRegime | None:
     if not conditions:
         return None
     sums = CellSums.of(model)
-    channels = len(model.residual) // len(conditions[0].values)
-    cells = [slice(r.start // channels, r.stop // channels) for r in sums.rows]
-    gates = gates_to_try(conditions, cells)
+    gates = gates_to_try(model, conditions, sums)
     if not gates.gates:
         return None
     counts = np.array([float(r.stop - r.start) for r in sums.rows])
-    best, losses = _best(gates, sums, counts, np.ones(len(cells)))
+    best, losses = _best(gates, sums, counts, np.ones(len(sums.rows)))
     inside = gates.inside[best] > 0.0
     excess = losses - floor**2 * counts
     share = float(np.clip(excess[inside].sum() / max(excess.sum(), 1e-12), 0.0, 1.0))

@@ -187,13 +187,16 @@ class Gates:
         return int(np.sum(self.tried(family)))
 
 
-def gates_to_try(conditions: Sequence[Condition], cells: Sequence[slice]) -> Gates:
+def gates_to_try(model: ResidualModel, conditions: Sequence[Condition], sums: CellSums) -> Gates:
     """Thresholds at every twentieth of each condition that has a symbol, and intervals of time.
 
     Args:
+        model: fitted.
         conditions: with one value for each instant.
-        cells: instants of each cell.
+        sums: of the model, over cells.
     """
+    channels = len(model.residual) // len(conditions[0].values)
+    cells = [slice(r.start // channels, r.stop // channels) for r in sums.rows]
     gates: list[Gate] = []
     inside: list[NDArray[np.bool_]] = []
     owner: list[int] = []

@@ -123,7 +123,7 @@ def with_memory(
     covariances = (estimate.covariance, known.covariance)
     if known.is_exact:
         return estimate, comparison
-    first, second = (root.T @ root for root in map(_white, covariances))
+    first, second = (root.T @ root for root in map(whitening, covariances))
     covariance = np.linalg.inv(first + second)
     covariance = 0.5 * (covariance + covariance.T)
     phi = covariance @ (first @ estimate.inertia.dynamic_parameters + second @ known.phi)
@@ -186,7 +186,7 @@ def nearest_body(phi: Array, covariance: Array) -> tuple[InertialParameters, flo
     least = _LEAST * float(np.abs(values).max())
     lifted = vectors * np.maximum(values, least) @ vectors.T
     start = log_cholesky(lifted)
-    white = _white(covariance)
+    white = whitening(covariance)
     found = least_squares(
         lambda xi: white @ (dynamic_parameters_from_log_cholesky(xi) - phi),
         start,
@@ -197,7 +197,7 @@ def nearest_body(phi: Array, covariance: Array) -> tuple[InertialParameters, flo
     return InertialParameters.from_log_cholesky(found.x), float(2.0 * found.cost)
 
 
-def _white(covariance: Array) -> Array:
+def whitening(covariance: Array) -> Array:
     """Matrix W (n, n) with W C W^T = I; along directions whose variance is lost, the least one.
 
     Covariances of a body that is almost flat, as in the first second of a grasp, have eigenvalues
@@ -217,7 +217,7 @@ def _compare(estimate: InertialEstimate, known: KnownBody) -> Comparison:
     apart = _ten(estimate.inertia) - _ten(before)
     p_value = {}
     for name, rows in _GROUPS.items():
-        white = _white(covariance[rows, rows]) @ apart[rows]
+        white = whitening(covariance[rows, rows]) @ apart[rows]
         p_value[name] = float(chdtrc(len(white), float(white @ white)))
     return Comparison(p_value)
 

@@ -276,11 +276,7 @@ class PairExplorer:
         return Choice(offered[part][k], float(gains[part][k]), words, after, others, part)
 
     def _told(
-        self,
-        part: int,
-        offered: list[Candidate],
-        belief: Belief,
-        pair: PredictedPair,
+        self, part: int, offered: list[Candidate], belief: Belief, pair: PredictedPair
     ) -> Array:
         """Information (N, n, n) of pushes of a part."""
         names = pair.names
