@@ -107,12 +107,12 @@ class CarryingArm(Engine):
         self._reset()
         self._rng = np.random.default_rng([self.config.seed, 72])
         self._sensor = WristSensor(self.config.wrist, self.config.seed)
-        self._known, self._known_client = -1, Engine()
         self._trajectory: tuple[float, Array, Array, Array] | None = None
         self._target = np.array(_START)
         self._at = self._link_pose(SENSOR)
         self._places: dict[str, Array] = {}
         self.set_load(False)
+        self._known_client = Engine()
         self.set_payload(0.0, np.zeros(3), np.zeros((3, 3)))
 
     def close(self) -> None:
@@ -146,14 +146,17 @@ class CarryingArm(Engine):
     def set_payload(self, mass: float, com: Array, inertia_com: Array) -> None:
         """Tell the controller what the flange's sensor carries, tool and load together.
 
+        Each payload has an engine of its own: Bullet keeps a body's inverse dynamics by its
+        address, and a body loaded where one was removed gets those of the removed.
+
         Args:
             mass: kg.
             com: (3,) m, sensor's frame.
             inertia_com: (3, 3) kg m^2, about the centre of mass.
         """
+        self._known_client.close()
+        self._known_client = Engine()
         client = self._known_client.client
-        if self._known >= 0:
-            pybullet.removeBody(self._known, physicsClientId=client)
         pybullet.setGravity(0.0, 0.0, -9.81, physicsClientId=client)
         root = ElementTree.fromstring(self.urdf)
         inertia = (max(mass, _NOTHING), com, inertia_com, np.zeros(3))

@@ -169,6 +169,22 @@ def test_the_arm_sags_until_its_controller_knows_the_payload(simulated):
     assert simulated.sag() < 0.01 * unknown
 
 
+def test_each_payload_is_the_one_that_the_controller_counts_with(simulated):
+    """Bullet keeps inverse dynamics by a body's address, which the next body may get."""
+    masses, torques = np.linspace(0.1, 3.0, 40), []
+    for mass in masses:
+        simulated.set_payload(mass, np.zeros(3), np.zeros((3, 3)))
+        torques.append(
+            pybullet.calculateInverseDynamics(
+                simulated._known, [0.0, 0.5, 0.0, -1.4, 0.0, 0.9, 0.0], [0.0] * 7, [0.0] * 7,
+                physicsClientId=simulated._known_client.client,
+            )
+        )  # fmt: skip
+    steps = np.diff(torques, axis=0)
+    assert np.abs(steps[0]).max() > 0.1
+    np.testing.assert_allclose(steps, np.broadcast_to(steps[0], steps.shape), atol=1e-3)
+
+
 def test_a_trajectory_of_other_joints_is_refused(simulated):
     with pytest.raises(BadInputError, match="expected all of"):
         simulated.follow(["elbow"], np.array([1.0]), np.zeros((1, 1)), np.zeros((1, 1)))
