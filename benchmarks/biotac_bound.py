@@ -209,10 +209,10 @@ def _slope(
     force, point = np.broadcast_to(force, (2, 3)), np.broadcast_to(point, (2, 3))
     normal = outward_normal(point)
     press = np.maximum(np.sum(force * normal, axis=1), 0.0)
-    felt = sensed_share(point)
-    traction = felt[:, None] * (press[:, None] * normal - force)
+    measured = sensed_share(point)
+    traction = measured[:, None] * (press[:, None] * normal - force)
     curvature = np.zeros(2) if bend is None else bend
-    patch = indent(felt * press, traction, point, curvature, unit, config)
+    patch = indent(measured * press, traction, point, curvature, unit, config)
     counts = electrode_counts(fluid_thickness(patch, unit, config), unit)
     signals = np.column_stack([counts, static_pressure(patch, unit, config)])
     return np.asarray((signals[0] - signals[1]) / (2.0 * step))

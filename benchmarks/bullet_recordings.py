@@ -101,10 +101,10 @@ def _note(
         name: world.link_pose(world.machine.sensor_frame(name))[:3, :3] for name in world.fingers
     }
     tips = {name: readings[name] for name in world.fingers}
-    felt = effect.feel(SensorView(world.time, tips, frames, pose))
+    measured = effect.feel(SensorView(world.time, tips, frames, pose))
     log.pose_time.append(world.time + effect.delay("pose"))
     log.pose.append(effect.see(pose, world.time))
-    for name, reading in felt.items():
+    for name, reading in measured.items():
         if reading.share == 1.0:
             rotation = _contact_frame(reading.normal, frames[name])
             stamp = reading.time + effect.delay("touch")

@@ -27,7 +27,7 @@ from tactile_dynamics_ros.core.inertia.compensation import (
     ContactWrenches,
     Load,
 )
-from tactile_dynamics_ros.core.inertia.compensation.causal_motion import FeltMotion
+from tactile_dynamics_ros.core.inertia.compensation.causal_motion import ImuMotion
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import KnownBody
 from tactile_dynamics_ros.core.streams.joining import cut_streams
 from tactile_dynamics_ros.core.streams.streams import PoseStream, Streams, places_at
@@ -172,8 +172,8 @@ def measure(kind: str, rate: float, seed: int, streams: Streams) -> Row:
         off = found.wrench[:, 3:] - truth
         errors.append(float(np.sqrt(np.mean(np.sum(off[during] ** 2, axis=1)))))
     begins = 6.0
-    felt = np.array([0.0, 0.0, -9.81]) - _acceleration(seen.time, seen.point[:, 0])
-    more = (HEAVIER * known.phi[0] * (since > begins))[:, None] * felt
+    specific_force = np.array([0.0, 0.0, -9.81]) - _acceleration(seen.time, seen.point[:, 0])
+    more = (HEAVIER * known.phi[0] * (since > begins))[:, None] * specific_force
     _, changes = compensated(_with_wrench(seen, more, seen.point[:, 0]))
     noticed = (changes != 0.0) & (since[-len(changes) :] > begins)
     return Row(
@@ -270,7 +270,7 @@ def _across(kind: str, first: Streams, second: Streams) -> Row:
     compensator.load = load
     seen, imu = readings(second), second.imu
     assert imu is not None and imu.rotation is not None
-    compensator.motion = motion = FeltMotion()
+    compensator.motion = motion = ImuMotion()
     poses = PoseStream(imu.time, np.zeros((len(imu.time), 3)), imu.rotation, None)
     began = clock.process_time()
     answers, changes = replay(

@@ -24,7 +24,7 @@ ROBOT = load_robot()
 
 @dataclass(frozen=True)
 class GraspTrial:
-    """What to grasp, where it stands and how well it is seen and felt.
+    """What to grasp, where it stands and how well it is seen and measured.
 
     Attributes:
         world: object and its place.

@@ -51,8 +51,8 @@ def _wrist(
         sign: 1 for forces on the load, -1 for those on the sensor.
     """
     log = WristLog.carrying(5, loads, SECONDS)
-    felt = {"force": sign * log.force, "torque": sign * torque_unit * log.torque}
-    contact = {"time": log.time, "position": np.zeros(3), "rotation": np.eye(3), **felt}
+    measured = {"force": sign * log.force, "torque": sign * torque_unit * log.torque}
+    contact = {"time": log.time, "position": np.zeros(3), "rotation": np.eye(3), **measured}
     pose = {"time": log.time, "position": log.position, "rotation": log.rotation.as_matrix()}
     pose |= {"position_std": 1e-4, "rotation_std": 3e-4}
     Recording.from_arrays({"wrist": contact}, pose, contact_frame="object").to_bag(path)

@@ -16,7 +16,7 @@ from tactile_dynamics_ros.core.errors import NotIdentifiableError, TactileDynami
 from tactile_dynamics_ros.core.planar.diagnosis.changed import diagnose_change
 from tactile_dynamics_ros.core.planar.filter.live import LiveProperties
 from tactile_dynamics_ros.core.planar.filter.record import PushWindow
-from tactile_dynamics_ros.core.planar.filter.tracker import Felt
+from tactile_dynamics_ros.core.planar.filter.tracker import ContactForce
 from tactile_dynamics_ros.core.planar.properties.estimate import estimate
 from tactile_dynamics_ros.sim.planar.simulated_table import (
     SimulatedTable,
@@ -107,10 +107,12 @@ class Watched:
             for pose in (pose for pose in readings.links[:1] if pose is not None):
                 flat = np.array([*pose[:2, 3], np.arctan2(pose[1, 0], pose[0, 0])])
                 each.add_pose(readings.links_time, flat, self._std)
-            for felt in (felt for felt in readings.touch if felt.name == "pusher"):
-                force = felt.force if felt.touching else np.zeros(3)
-                std, pose = np.full(3, self.table.sensors.force_std), felt.pose
-                each.add_contact(Felt("pusher", felt.time, force, std, pose[:3, 3], pose[:3, 2]))
+            for measured in (measured for measured in readings.touch if measured.name == "pusher"):
+                force = measured.force if measured.touching else np.zeros(3)
+                std, pose = np.full(3, self.table.sensors.force_std), measured.pose
+                each.add_contact(
+                    ContactForce("pusher", measured.time, force, std, pose[:3, 3], pose[:3, 2])
+                )
         self.live.advance(readings.time - 0.02)
         change = self.live.monitor.change
         told = 0.0 if change is None else change.statistic

@@ -84,10 +84,10 @@ class Witness:
         self.pieces: list[list[float]] = []
         self.alarms: list[float] = []
 
-    def see(self, time: float, state: Any, motion: Any, felt: Any, poses: Any) -> None:
+    def see(self, time: float, state: Any, motion: Any, measured: Any, poses: Any) -> None:
         """Take a step."""
         self.touch += motion.step
-        self._shown(lambda monitor: monitor.see(time, state, motion, felt, poses))
+        self._shown(lambda monitor: monitor.see(time, state, motion, measured, poses))
 
     def release(self, time: float) -> None:
         """Note the end of a touch."""

@@ -47,10 +47,10 @@ class _Log(ReadingLog):
 
     def add(self, readings: TableReadings) -> None:
         super().add(readings)
-        for felt in readings.touch:
-            if not felt.touching:
-                entry = (felt.time, np.zeros(3), felt.pose)
-                self._felt.setdefault(felt.name, []).append(entry)
+        for measured in readings.touch:
+            if not measured.touching:
+                entry = (measured.time, np.zeros(3), measured.pose)
+                self._measured.setdefault(measured.name, []).append(entry)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -19,7 +19,7 @@ import numpy as np
 from benchmarks.kept import read_rows
 from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.filter.change import ChangeMonitor
-from tactile_dynamics_ros.core.planar.filter.observation import FeltWrench, SeenPose
+from tactile_dynamics_ros.core.planar.filter.observation import MeasuredWrench, SeenPose
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
 from tactile_dynamics_ros.core.planar.filter.process import PusherMotion
 from tactile_dynamics_ros.core.planar.mechanics.linkage import applied, turned
@@ -71,7 +71,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False)
 class _Push:
-    """One way of an object: poses and velocities (N, 3) of its frame, and the force (N, 2) felt."""
+    """One way of an object: poses and velocities (N, 3) of its frame, and forces (N, 2)."""
 
     pose: Array
     rate: Array
@@ -147,8 +147,8 @@ def _show(monitor: ChangeMonitor, push: _Push, time: float, rng: np.random.Gener
         state = np.concatenate([before, push.rate[k - 1] + off])
         motion = PusherMotion(before, after, STEP, HEIGHT, touching=True)
         seen = SeenPose(before + POSE * rng.standard_normal(3), POSE, STEP)
-        felt = FeltWrench(push.force[k], np.full(2, FORCE))
-        monitor.see(time, (state, covariance), motion, felt, (seen,) if k % EVERY == 0 else ())
+        measured = MeasuredWrench(push.force[k], np.full(2, FORCE))
+        monitor.see(time, (state, covariance), motion, measured, (seen,) if k % EVERY == 0 else ())
         time += STEP
     monitor.release(time)
     return time

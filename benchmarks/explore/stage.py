@@ -127,8 +127,8 @@ class Stage:
             tip = self.table.pusher.frame
             low = tip[2] < self.table.config.table_height + LOW
             self.watch.add(self._poses[-1], self._second[-1], tip[:2].copy() if low else None)
-        felt = [each for each in readings.touch if each.touching]
-        self._force = max((float(np.linalg.norm(each.force)) for each in felt), default=0.0)
+        measured = [each for each in readings.touch if each.touching]
+        self._force = max((float(np.linalg.norm(each.force)) for each in measured), default=0.0)
 
 
 class _Jointless(JointWatch):

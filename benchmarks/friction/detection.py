@@ -60,8 +60,8 @@ def split_attempts(row: dict[str, Any]) -> list[Attempt]:
     if not slip:
         return []
     phase = np.array(slip["phase"])
-    felt = np.array(slip["felt"])
-    ratio = np.linalg.norm(felt[:, 1:], axis=1) / np.maximum(felt[:, 0], 0.05)
+    measured = np.array(slip["measured"])
+    ratio = np.linalg.norm(measured[:, 1:], axis=1) / np.maximum(measured[:, 0], 0.05)
     inside = np.isin(phase, RAMPS)
     starts = np.flatnonzero(inside & ~np.concatenate([[False], inside[:-1]])) + 1
     ends = np.flatnonzero(inside & ~np.concatenate([inside[1:], [False]])) + 1

@@ -150,7 +150,7 @@ def _pull(
     factor = 1.0 + 0.015 * float(rng.standard_normal())
     press, drive, place, speed, noticed = 0.2, 0.0, 0.0, 0.0, np.inf
     rows, time, ramp = [], 0.0, 0.4 + rest + pull / 1.5
-    felt = 0.0
+    measured = 0.0
     while time < min(ramp + 12.0, noticed + SLIDE):
         if time < 0.4:
             press = 0.2 + (most - 0.2) * time / 0.4
@@ -161,15 +161,15 @@ def _pull(
         net = drive - SPRING * place - DAMPING * speed
         limit = factor * surface.bearable(press, speed, angle)
         if speed <= 1e-7 and net <= limit:
-            speed, felt = 0.0, net
+            speed, measured = 0.0, net
         else:
             speed = max(speed + STEP * (net - limit) / MASS, 0.0)
-            felt = limit
+            measured = limit
         place += STEP * speed
         if place > NOTICED and not math.isfinite(noticed):
             noticed = time + 0.03
         time += STEP
-        rows.append((press, felt, place))
+        rows.append((press, measured, place))
     table = np.array(rows)[:: round(PERIOD / STEP)]
     return _Trace(table[:, 0], table[:, 1], table[:, 2], angle, ramp, noticed)
 

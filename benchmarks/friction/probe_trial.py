@@ -220,13 +220,13 @@ class _Chain:
     def _row(self, probe: FrictionProbe, seen: ProbeInput) -> dict[str, Any]:
         truth = self.friction.truth
         own = seen.contacts.get(self.trial.probe.finger)
-        felt = np.zeros(3) if own is None else own.force
+        measured = np.zeros(3) if own is None else own.force
         self._strongest = max(self._strongest, float(np.hypot(truth.press, truth.pull)))
         return {
             "time": seen.time,
             "pose": self.robot.world.object_pose(),
             "phase": probe.phase.value,
-            "felt": probe.components(felt),
+            "measured": probe.components(measured),
             "wanted": probe.wanted.copy(),
             "press": truth.press,
             "pull": truth.pull,

@@ -130,7 +130,7 @@ def slip_scores(result: ProbeResult) -> dict[str, Any]:
     names = ("time", "speed", "vibration", "electrodes", "path")
     return {name: result.record.column(name).round(6).tolist() for name in names} | {
         "phase": [row["phase"] for row in result.record.rows],
-        "felt": result.record.column("felt").round(4).tolist(),
+        "measured": result.record.column("measured").round(4).tolist(),
     }
 
 

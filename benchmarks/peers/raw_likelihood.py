@@ -1,4 +1,4 @@
-"""Likelihood of what is felt, as a sign of a changed table (Dutta et al., Eq. 37)."""
+"""Likelihood of what is measured, as a sign of a changed table (Dutta et al., Eq. 37)."""
 
 from __future__ import annotations
 

@@ -64,12 +64,12 @@ def summary(rows: Sequence[Sequence[float]]) -> dict[str, Any]:
 
 def _steps(model: Model, steps: Transitions) -> tuple[Array, Array, Array]:
     """Errors of place (mm), yaw (deg) and force (over friction) of each touched step."""
-    after, felt = model(steps)
+    after, measured = model(steps)
     touched = steps.push.touching > 0.5
     off = (after - steps.after)[touched].reshape(-1, steps.thing.links, 6)
     product = sum(np.exp(steps.parameters[touched, 4 * k]) for k in range(steps.thing.links))
     return (
         1e3 * np.linalg.norm(off[:, :, :2], axis=2).max(axis=1),
         np.degrees(np.abs(off[:, :, 2]).max(axis=1)),
-        np.linalg.norm((felt - steps.force)[touched, :2], axis=1) / (GRAVITY * product),
+        np.linalg.norm((measured - steps.force)[touched, :2], axis=1) / (GRAVITY * product),
     )

@@ -27,9 +27,9 @@ from tactile_dynamics_ros.synthetic import pushed
 from tactile_dynamics_ros.synthetic.pushed.scene import STEP
 from tactile_dynamics_ros.synthetic.pushed.sensed import (
     POSE_STD,
-    FeltErrors,
+    ForceErrors,
     SensedStep,
-    felt_errors,
+    force_errors,
     sensed_steps,
 )
 from tactile_dynamics_ros.synthetic.pushed.transitions import states_at
@@ -59,7 +59,7 @@ class Case:
     one: Any
     told: Told
     truth: Array
-    felt: FeltErrors
+    measured: ForceErrors
 
 
 def case_of(seed: int) -> Case:
@@ -70,7 +70,7 @@ def case_of(seed: int) -> Case:
     truth = states_at(one.scene, one.motion)[3 :: round(PERIOD / STEP), :3]
     link, times = one.scene.thing.links[0], PERIOD * np.arange(len(truth))
     told = told_of(looked_at(link.corners, link.height, times, truth, seed), truth[:, 2])
-    return Case(one, told, truth[told.rows], felt_errors(one, PERIOD, seed))
+    return Case(one, told, truth[told.rows], force_errors(one, PERIOD, seed))
 
 
 def looks(all_: list[Case]) -> dict[str, dict[str, float]]:
@@ -126,10 +126,10 @@ def judged(error: Array, std: Array, bad: NDArray[np.bool_]) -> dict[str, float]
 def touches(all_: list[Case]) -> dict[str, dict[str, float]]:
     """What is expected of forces by a filter that knows the object, without and with the net."""
     noise = shipped_noise()
-    felt = [case.felt for case in all_]
-    touched = joined_touches([each for one in felt for each in one.touched])
-    error = np.concatenate([one.errors for one in felt])
-    size, axes = np.linalg.eigh(np.concatenate([one.granted for one in felt]))
+    measured = [case.measured for case in all_]
+    touched = joined_touches([each for one in measured for each in one.touched])
+    error = np.concatenate([one.errors for one in measured])
+    size, axes = np.linalg.eigh(np.concatenate([one.granted for one in measured]))
     along = np.einsum("nij,ni->nj", axes, error)
     changed = np.linalg.norm(touched.velocity - touched.before, axis=1)
     slow = np.linalg.norm(touched.velocity, axis=1) + 1e-3
@@ -152,7 +152,7 @@ def _rms(values: Array) -> float:
 
 @dataclass(frozen=True)
 class Way:
-    """How a filter takes what is seen and felt: which std poses have, and forces.
+    """How a filter takes what is seen and measured: which std poses have, and forces.
 
     Attributes:
         poses: of a case, (N, 3).
@@ -223,10 +223,10 @@ def run(case: Case, way: Way) -> dict[str, Any]:
         if step.motion is None:
             corrected.end()
             return step.seen
-        felt = step.seen.wrench
+        measured = step.seen.wrench
         if way.force:
-            felt = corrected.felt(step.motion, felt, step.share, belief.state[0])
-        return replace(step.seen, wrench=felt if step.steady or not way.rules else None)
+            measured = corrected.measured(step.motion, measured, step.share, belief.state[0])
+        return replace(step.seen, wrench=measured if step.steady or not way.rules else None)
 
     prior = Population.of("single").prior(process)
     make = DualFilter if way.rules else Ungated

@@ -8,7 +8,11 @@ from typing import Any
 import numpy as np
 
 from tactile_dynamics_ros.core.planar.filter.dual import DualConfig, DualFilter
-from tactile_dynamics_ros.core.planar.filter.observation import FeltWrench, Observation, SeenPose
+from tactile_dynamics_ros.core.planar.filter.observation import (
+    MeasuredWrench,
+    Observation,
+    SeenPose,
+)
 from tactile_dynamics_ros.core.planar.filter.process import Process, PusherMotion
 from tactile_dynamics_ros.synthetic.pushed.objects import PushedObject
 from tactile_dynamics_ros.synthetic.pushed.sensed import POSE_STD
@@ -29,9 +33,9 @@ def step_times(process: Process, thing: PushedObject) -> dict[str, float]:
         at = np.array([start, 0.0, 0.0]) + k * way
         motion = PusherMotion(at, at + way, PERIOD, touching=True, normal=np.array([1.0, 0.0]))
         poses = tuple(SeenPose(o + (k + 1) * way, POSE_STD, 0.0, n) for n, o in enumerate(offsets))
-        felt = FeltWrench(np.array([3.0, 0.0]), np.full(2, 0.03))
+        measured = MeasuredWrench(np.array([3.0, 0.0]), np.full(2, 0.03))
         began = time.process_time()
-        belief.step(motion, Observation(poses, felt))
+        belief.step(motion, Observation(poses, measured))
         times.append(1e3 * (time.process_time() - began))
     return {"mean_ms": float(np.mean(times)), "p99_ms": float(np.quantile(times, 0.99))}
 

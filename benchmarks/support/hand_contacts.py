@@ -24,5 +24,5 @@ def hand_contacts(
         return {}
     fingers = [state.kinematics.fingers[k] for k in touching]
     positions = np.tile(joint_positions, (len(fingers), 1))
-    felt = (values[touching] for values in (tips.force, tips.std, tips.torque))
-    return dict(zip(fingers, state.update_all(fingers, positions, *felt), strict=True))
+    measured = (values[touching] for values in (tips.force, tips.std, tips.torque))
+    return dict(zip(fingers, state.update_all(fingers, positions, *measured), strict=True))

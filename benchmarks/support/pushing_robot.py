@@ -178,7 +178,7 @@ class ReadingLog:
     def __init__(self, outlines: Sequence[Outline]) -> None:
         self._outlines = tuple(outlines)
         self._links: list[list[tuple[float, Array]]] = [[] for _ in outlines]
-        self._felt: dict[str, list[tuple[float, Array, Array]]] = {}
+        self._measured: dict[str, list[tuple[float, Array, Array]]] = {}
 
     def add(self, readings: TableReadings) -> None:
         """Add what was read at one time."""
@@ -186,10 +186,10 @@ class ReadingLog:
             if pose is not None:
                 yaw = float(log_so3(pose[:3, :3])[2])
                 rows.append((readings.links_time, np.array([*pose[:2, 3], yaw])))
-        for felt in readings.touch:
-            if felt.touching:
-                row = (felt.time, felt.force, felt.pose)
-                self._felt.setdefault(felt.name, []).append(row)
+        for measured in readings.touch:
+            if measured.touching:
+                row = (measured.time, measured.force, measured.pose)
+                self._measured.setdefault(measured.name, []).append(row)
 
     def streams(self, table: SimulatedTable) -> PushedStreams:
         """Return all that was added, relative to the table's top."""
@@ -201,7 +201,7 @@ class ReadingLog:
         )
         height = np.array([0.0, 0.0, table.config.table_height])
         contacts = {}
-        for name, rows in sorted(self._felt.items()):
+        for name, rows in sorted(self._measured.items()):
             time = np.array([row[0] for row in rows])
             poses = np.stack([row[2] for row in rows])
             contacts[name] = PushContact(

@@ -190,15 +190,15 @@ def wrist_table(seed: int, options: WristOptions | None = None) -> tuple[Table, 
     tilt = Rotation.from_rotvec(options.rotation_std * rng.normal(size=(count, 3))).as_matrix()
     position = motion.position + options.position_std * rng.normal(size=(count, 3))
     rotation = tilt @ motion.rotation
-    felt = gyro = None
+    measured = gyro = None
     if options.imu:
-        felt = motion.to_body(motion.acceleration - truth.scene.gravity)
-        felt = felt + options.acceleration_std * rng.normal(size=(count, 3))
+        measured = motion.to_body(motion.acceleration - truth.scene.gravity)
+        measured = measured + options.acceleration_std * rng.normal(size=(count, 3))
         gyro = motion.to_body(motion.angular_velocity)
         gyro = gyro + options.gyro_std * rng.normal(size=(count, 3))
     table = Table(
         motion.time, position, rotation, (position, rotation), {"wrist": sensor},
-        options.position_std, options.rotation_std, felt, gyro,
+        options.position_std, options.rotation_std, measured, gyro,
     )  # fmt: skip
     return table, body
 

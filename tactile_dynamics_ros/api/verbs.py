@@ -209,8 +209,8 @@ def estimate(
     if wrist is not None and hand is not None:
         from tactile_dynamics_ros.api.wrist import WristShare, read_wrist
 
-        felt = read_wrist(wrist) if isinstance(wrist, str | Path) else wrist
-        share = WristShare(recorded, felt, read_body(hand))
+        measured = read_wrist(wrist) if isinstance(wrist, str | Path) else wrist
+        share = WristShare(recorded, measured, read_body(hand))
     return Estimate(recorded, fit(recorded, effects_of(effects)), carried, known, share)
 
 

@@ -25,7 +25,7 @@ from tactile_dynamics_ros.core.planar.network.noise_features import (
 )
 from tactile_dynamics_ros.synthetic import pushed
 from tactile_dynamics_ros.synthetic.pushed.scene import STEP
-from tactile_dynamics_ros.synthetic.pushed.sensed import FeltErrors, felt_errors
+from tactile_dynamics_ros.synthetic.pushed.sensed import ForceErrors, force_errors
 from tactile_dynamics_ros.synthetic.pushed.transitions import states_at
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ SETTINGS = {
 class NoiseRecord:
     """One recording: forces with their errors; reported poses (N, 3) with the true ones."""
 
-    felt: FeltErrors
+    measured: ForceErrors
     told: Told | None
     truth: Array
 
@@ -78,15 +78,15 @@ class NoiseRecord:
 def noise_record(one: Any, period: float, looking: bool) -> NoiseRecord:
     """Let a filter feel and, if wanted, a camera follow a recording while something passes."""
     seed = one.scene.seed
-    felt = felt_errors(one, period, seed)
+    measured = force_errors(one, period, seed)
     if not looking:
-        return NoiseRecord(felt, None, np.zeros((0, 3)))
+        return NoiseRecord(measured, None, np.zeros((0, 3)))
     from tactile_dynamics_ros.sim.planar.looking import looked_at, told_of
 
     truth = states_at(one.scene, one.motion)[3 :: round(_IMAGE / STEP), :3]
     link, times = one.scene.thing.links[0], _IMAGE * np.arange(len(truth))
     told = told_of(looked_at(link.corners, link.height, times, truth, seed), truth[:, 2])
-    return NoiseRecord(felt, told, truth[told.rows])
+    return NoiseRecord(measured, told, truth[told.rows])
 
 
 def simulated_records(
@@ -111,7 +111,7 @@ def simulated_records(
         _PART,
         f"{said}, {name}",
         None if kept is None else kept / f"noise_{name}",
-        (NoiseRecord, FeltErrors, Touched, Told, Looked),
+        (NoiseRecord, ForceErrors, Touched, Told, Looked),
     )
 
 
@@ -119,10 +119,10 @@ def touch_examples(records: Iterable[NoiseRecord]) -> Any:
     """Errors of forces along the axes of what the filter grants them anyway."""
     from tactile_dynamics_ros.core.planar.network.noise_training import NoiseExamples
 
-    felt = [record.felt for record in records if len(record.felt.touched)]
-    touched = joined_touches([each for one in felt for each in one.touched])
-    errors = np.concatenate([one.errors for one in felt])
-    size, axes = np.linalg.eigh(np.concatenate([one.granted for one in felt]))
+    measured = [record.measured for record in records if len(record.measured.touched)]
+    touched = joined_touches([each for one in measured for each in one.touched])
+    errors = np.concatenate([one.errors for one in measured])
+    size, axes = np.linalg.eigh(np.concatenate([one.granted for one in measured]))
     along = np.einsum("nij,ni->nj", axes, errors) / touched.stated[:, None]
     granted = np.maximum(size, 0.0) / touched.stated[:, None] ** 2
     return NoiseExamples(touched.features, None, along[:, None], granted[:, None])

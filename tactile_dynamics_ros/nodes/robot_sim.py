@@ -219,8 +219,10 @@ class TableScene:
         load = np.zeros(len(joints))
         self._joints.publish(joints_to_message(names, readings.time, joints, readings.rates, load))
         late, config = self.node.late, self.node.config
-        for felt in (felt for felt in readings.touch if felt.name in self._sensed):
-            for entry in self._touch.report(felt, self.table.sensors.force_std, readings.pusher):
+        for measured in (measured for measured in readings.touch if measured.name in self._sensed):
+            for entry in self._touch.report(
+                measured, self.table.sensors.force_std, readings.pusher
+            ):
                 late.add(readings.time + config.touch_latency, entry)
         if self._links is not None and readings.links:
             covariance = self.table.markers[0].covariance

@@ -17,7 +17,7 @@ from tactile_dynamics_ros.core.inertia.compensation import (
     Compensator,
     ContactWrenches,
 )
-from tactile_dynamics_ros.core.inertia.compensation.causal_motion import CausalMotion, FeltMotion
+from tactile_dynamics_ros.core.inertia.compensation.causal_motion import CausalMotion, ImuMotion
 from tactile_dynamics_ros.core.streams.streams import ContactSample
 from tactile_dynamics_ros.ros.conversions import MessageError, wrench_to_message
 from tactile_dynamics_ros.ros.friction_messages import ContactAssembly
@@ -107,7 +107,7 @@ class WrenchCompensatorNode(Shell):
         self.stops.append(self._say_valid)
 
     def _new_motion(self) -> CausalMotion:
-        return FeltMotion() if self._config.imu else CausalMotion()
+        return ImuMotion() if self._config.imu else CausalMotion()
 
     def _begin_anew(self) -> None:
         self.compensator.motion = self._new_motion()
@@ -119,11 +119,11 @@ class WrenchCompensatorNode(Shell):
         self.compensator.motion.add(self._time.admit(message.stamp, OBJECT_POSE), pose)
 
     def _on_imu(self, message: Imu) -> None:
-        felt, motion = message.linear_acceleration, self.compensator.motion
-        force = np.array([felt.x, felt.y, felt.z])
+        measured, motion = message.linear_acceleration, self.compensator.motion
+        force = np.array([measured.x, measured.y, measured.z])
         if not np.isfinite(force).all():
             raise MessageError("not_finite", f"{OBJECT_IMU}: {force.tolist()}, expected numbers")
-        assert isinstance(motion, FeltMotion)
+        assert isinstance(motion, ImuMotion)
         motion.feel(self._time.admit(message.header.stamp, OBJECT_IMU), force)
 
     def process(self) -> None:

@@ -265,7 +265,7 @@ class CarriedTool:
         self._node, self._tool = node, read_body(file) if file else None
 
     def take_out(self, estimate: Estimate) -> Estimate | None:
-        """Return the estimate without the tool; None while less than the tool is felt."""
+        """Return the estimate without the tool; None while less than the tool is measured."""
         if self._tool is None:
             return estimate
         try:

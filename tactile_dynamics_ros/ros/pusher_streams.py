@@ -81,7 +81,7 @@ class PusherStreams:
         self._width.publish(Float64(data=width))
 
 
-class Felt(Protocol):
+class TouchReading(Protocol):
     """What the sensor of one contact reports; `raw` is the force before contact is judged."""
 
     @property
@@ -144,10 +144,12 @@ class ContactStreams:
             (self._publishers[name, "force"], wrench_to_message(wrench, time, WORLD)),
         ]
 
-    def report(self, felt: Felt, std: Array, gripper: Array) -> list[tuple[Publisher, bytes]]:
+    def report(
+        self, reading: TouchReading, std: Array, gripper: Array
+    ) -> list[tuple[Publisher, bytes]]:
         """Return what is reported of a contact; where nothing is touched its force, zero, alone."""
-        told = self.messages(felt.name, felt.force, std, felt.pose, felt.time)
-        return told if felt.touching else told[-1:]
+        told = self.messages(reading.name, reading.force, std, reading.pose, reading.time)
+        return told if reading.touching else told[-1:]
 
 
 class SensorStreams:
@@ -166,20 +168,22 @@ class SensorStreams:
             for kind, message in kinds.items()
         }
 
-    def report(self, felt: Felt, std: Array, gripper: Array) -> list[tuple[Publisher, bytes]]:
+    def report(
+        self, reading: TouchReading, std: Array, gripper: Array
+    ) -> list[tuple[Publisher, bytes]]:
         """Return what is reported of a sensor, with the publishers that tell it.
 
         Args:
-            felt: what it reports.
+            reading: what it reports.
             std: (3,) N, of the force.
             gripper: (4, 4) of the tip, in whose axes the sensor measures.
         """
-        wrench = np.concatenate([np.zeros(3), felt.raw @ gripper[:3, :3]])
-        std_message = std_to_message(std, felt.time, PUSHER_FRAME)
-        force_message = wrench_to_message(wrench, felt.time, PUSHER_FRAME)
+        wrench = np.concatenate([np.zeros(3), reading.raw @ gripper[:3, :3]])
+        std_message = std_to_message(std, reading.time, PUSHER_FRAME)
+        force_message = wrench_to_message(wrench, reading.time, PUSHER_FRAME)
         return [
-            (self._publishers[felt.name, "force_std"], std_message),
-            (self._publishers[felt.name, "force"], force_message),
+            (self._publishers[reading.name, "force_std"], std_message),
+            (self._publishers[reading.name, "force"], force_message),
         ]
 
 

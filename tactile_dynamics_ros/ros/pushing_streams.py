@@ -18,7 +18,7 @@ from geometry_msgs.msg import (
 )
 
 from tactile_dynamics_ros.core.array import Array
-from tactile_dynamics_ros.core.planar.filter.tracker import Felt, touches
+from tactile_dynamics_ros.core.planar.filter.tracker import ContactForce, touches
 from tactile_dynamics_ros.core.streams.stamps import Reordered
 from tactile_dynamics_ros.ros.conversions import (
     MessageError,
@@ -67,7 +67,7 @@ class PushedObject(PushedLink, Protocol):
     def add_pusher(self, time: float, pose: Array) -> None:
         """Take x, y, z, yaw (4,) of the pusher, yaw unwrapped."""
 
-    def add_contact(self, felt: Felt) -> None:
+    def add_contact(self, measured: ContactForce) -> None:
         """Take a force."""
 
 
@@ -128,9 +128,9 @@ class PushingStreams:
         if self.pose is not before:
             self._following.hear(OBJECT_POSE, monotonic())
         for contact in self._contacts:
-            for felt in contact.take(until, self._X_SW):
-                self._thing.add_contact(felt)
-                if touches(felt):
+            for measured in contact.take(until, self._X_SW):
+                self._thing.add_contact(measured)
+                if touches(measured):
                     self._following.hear_touch(monotonic())
         return until
 
@@ -226,10 +226,10 @@ class _Contact:
         node.listen(Vector3Stamped, self._topics["force_std"], self._on_std, sole=True)
         node.listen(WrenchStamped, self._topics["force"], self._on_force, sole=True)
 
-    def take(self, until: float, X_SW: Array) -> list[Felt]:
+    def take(self, until: float, X_SW: Array) -> list[ContactForce]:
         """Return the forces up to a time (s), in the frame of the support."""
         self._recent.extend(self._places.take(until))
-        felt = []
+        measured = []
         for time, force in self._forces.take(until):
             place = min(self._recent, key=lambda row: abs(row[0] - time), default=None)
             pose = X_SW
@@ -241,8 +241,8 @@ class _Contact:
                 pose = X_SW @ place[1]
             std = np.abs(X_SW[:3, :3]) @ self._std
             turned = X_SW[:3, :3] @ force
-            felt.append(Felt(self._name, time, turned, std, pose[:3, 3], pose[:3, 2]))
-        return felt
+            measured.append(ContactForce(self._name, time, turned, std, pose[:3, 3], pose[:3, 2]))
+        return measured
 
     def _on_pose(self, message: Stamped) -> None:
         pose = pose_to_core(message, self._topics["pose"], WORLD)

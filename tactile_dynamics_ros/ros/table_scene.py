@@ -64,7 +64,7 @@ UPRIGHT = 0.97
 """Cosine of the tilt up to which an object stands, 14 deg: what falls over does so at more, and
 trackers are wrong by a few degrees."""
 SILENT = 0.2
-"""Age of a force beyond which nothing is felt, s: twenty messages at 100 Hz."""
+"""Age of a force beyond which nothing is measured, s: twenty messages at 100 Hz."""
 
 
 @dataclass(frozen=True)
@@ -234,8 +234,8 @@ class TableScene:
             )
         now = to_seconds(self.stamp)
         time, pose = self._object
-        felt = [size for when, size in self._forces.values() if abs(now - when) < SILENT]
-        return Seen(now, self._tip, pose, time, max(felt, default=0.0))
+        reading = [size for when, size in self._forces.values() if abs(now - when) < SILENT]
+        return Seen(now, self._tip, pose, time, max(reading, default=0.0))
 
     def _on_tip(self, message: Stamped) -> None:
         pose = pose_to_core(message, PUSHER_POSE, WORLD)

@@ -187,11 +187,11 @@ class SimulatedRobot:
         sensors = self._kinematics.locate(positions).sensors
         rotations = {finger: sensors[k, :3, :3] for k, finger in enumerate(fingers)}
         tips = {finger: contacts[finger] for finger in fingers}
-        felt = self.effect.feel(SensorView(time, tips, rotations, pose))
+        measured = self.effect.feel(SensorView(time, tips, rotations, pose))
         if isinstance(self.tips, ForceTorquePads):
-            return None, self.tips.read(felt, sensors)
+            return None, self.tips.read(measured, sensors)
         twist = self.world.object_velocity()
-        return self.tips.read(felt, sensors, pose, twist, self.period), None
+        return self.tips.read(measured, sensors, pose, twist, self.period), None
 
     def _look(self, pose: Array, before: float, time: float) -> Array | None:
         if not is_due(before, time, self.config.vision_rate_hz):

@@ -134,7 +134,7 @@ class HandWorld(Engine):
         tips = {(self.robot, self._links[tip.touches]): tip.name for tip in machine.hand}
         self._contacts = ContactAccumulator(self.client, self._object.body, tips)
         self._wrist = self._links[machine.flange]
-        self._felt, self._felt_steps = np.zeros(6), 0
+        self._measured, self._wrist_steps = np.zeros(6), 0
         pybullet.enableJointForceTorqueSensor(self.robot, self._wrist, True, self.client)
         self._pre_step: list[Callable[[HandWorld], None]] = [] if spring is None else [spring]
 
@@ -178,8 +178,8 @@ class HandWorld(Engine):
             pybullet.stepSimulation(self.client)
             self.time += self.config.time_step
             self._contacts.add(self.time)
-            self._felt += pybullet.getJointState(self.robot, self._wrist, self.client)[2]
-            self._felt_steps += 1
+            self._measured += pybullet.getJointState(self.robot, self._wrist, self.client)[2]
+            self._wrist_steps += 1
 
     def joint_state(self) -> JointState:
         """Return true joint positions, velocities and torques."""
@@ -216,10 +216,10 @@ class HandWorld(Engine):
         Raises:
             ValueError: no step was made since the last call.
         """
-        if not self._felt_steps:
+        if not self._wrist_steps:
             raise ValueError("wrist wrench: no step since the last call; step the world first")
-        reaction = self._felt / self._felt_steps
-        self._felt, self._felt_steps = np.zeros(6), 0
+        reaction = self._measured / self._wrist_steps
+        self._measured, self._wrist_steps = np.zeros(6), 0
         return -np.array([*reaction[3:], *reaction[:3]])
 
     def truth(self) -> GroundTruth:

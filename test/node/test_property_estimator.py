@@ -81,8 +81,8 @@ def tell_push(bench, start, rows, noise):
         ):
             bench.send(topic, message)
         force = wrench[:2] + 0.03 * noise.normal(size=2)
-        felt = np.array([0.0, 0.0, 0.0, -force[1], force[0], 0.0])
-        bench.send("contact/pusher/force", cv.wrench_to_message(felt, time, "world"))
+        measured = np.array([0.0, 0.0, 0.0, -force[1], force[0], 0.0])
+        bench.send("contact/pusher/force", cv.wrench_to_message(measured, time, "world"))
         bench.work(0.002)
 
 

@@ -16,7 +16,7 @@ from tactile_dynamics_ros.core.inertia.live.live_estimate import Level, Verdict
 from tactile_dynamics_ros.core.inertia.live.refit import fit_live
 from tactile_dynamics_ros.core.planar.diagnosis.changed import ChangeCheck
 from tactile_dynamics_ros.core.planar.filter.live import LiveProperties
-from tactile_dynamics_ros.core.planar.filter.tracker import Felt
+from tactile_dynamics_ros.core.planar.filter.tracker import ContactForce
 from tactile_dynamics_ros.nodes.model_check import ModelCheckNode
 from tactile_dynamics_ros.ros.diagnostics import status_message
 from tactile_dynamics_ros.ros.names import PROPERTY_STATUS
@@ -134,7 +134,9 @@ def pushed(touched=False):
         live.add_pose(0.01 * k, np.array([0.5, 0.0, 0.3]), np.array([5e-4, 5e-4, 3e-3]))
         if touched:
             force, std, point = np.array([1.0, 0, 0]), np.full(3, 0.03), np.array([-0.05, 0, 0.02])
-            live.add_contact(Felt("pusher", 0.01 * k, force, std, point, np.array([1.0, 0, 0])))
+            live.add_contact(
+                ContactForce("pusher", 0.01 * k, force, std, point, np.array([1.0, 0, 0]))
+            )
     live.advance(0.18)
     return property_status(live.properties(), live, FOLLOWED)
 

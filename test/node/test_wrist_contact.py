@@ -62,8 +62,8 @@ def test_a_topic_and_a_frame_are_enough_for_an_estimate(bench):
         flange[:3, 3] = poses.position[k] - poses.rotation[k] @ offset[:3, 3]
         bench.send("/tf", frame("base", "tool0", flange, time))
         into = poses.rotation[k].T
-        felt = -np.concatenate([into @ wrist.torque[k], into @ wrist.force[k]])
-        bench.send(WRENCH, cv.wrench_to_message(felt, time, "ft_sensor"))
+        measured = -np.concatenate([into @ wrist.torque[k], into @ wrist.force[k]])
+        bench.send(WRENCH, cv.wrench_to_message(measured, time, "ft_sensor"))
         if k % 5 == 4:
             bench.work()
     bench.until(lambda: seen and seen[-1].header.stamp.sec >= 24)

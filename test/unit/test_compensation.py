@@ -11,7 +11,7 @@ from synthetic_recording import COM, INERTIA_COM, MASS
 from benchmarks.compensation import main, replay
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.compensation import Compensator, ContactWrenches, Load
-from tactile_dynamics_ros.core.inertia.compensation.causal_motion import CausalMotion, FeltMotion
+from tactile_dynamics_ros.core.inertia.compensation.causal_motion import CausalMotion, ImuMotion
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     InertialParameters,
     KnownBody,
@@ -71,7 +71,7 @@ def test_a_gap_begins_anew():
 
 
 def test_an_imu_gives_the_acceleration_at_once():
-    motion = FeltMotion()
+    motion = ImuMotion()
     for now in np.arange(0.0, 1.0, 0.01):
         motion.add(now, np.eye(4))
         motion.feel(now, np.array([1.0, 0.0, 9.81]))

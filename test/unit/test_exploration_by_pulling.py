@@ -197,8 +197,10 @@ def test_a_chosen_pull_moves_the_object_along_and_lets_it_go(table, manner):
         pose[:2, :2], pose[:3, 3] = [[c, -s], [s, c]], target[:3]
         table.pusher.go_to(pose)
         table.pusher.open_to(performance.width)
-        felt = [np.linalg.norm(f.force) for f in table.advance(looking=False).touch if f.touching]
-        most = max([most, *felt])
+        measured = [
+            np.linalg.norm(f.force) for f in table.advance(looking=False).touch if f.touching
+        ]
+        most = max([most, *measured])
     after = seen(table)
     assert not performance.why
     wanted = Surroundings(before.pose).moved(choice.candidate)

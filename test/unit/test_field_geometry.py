@@ -23,7 +23,7 @@ from benchmarks.field_cases import (
 )
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.conventions.finder import assumed
-from tactile_dynamics_ros.core.inertia.conventions.poses import felt_gravity
+from tactile_dynamics_ros.core.inertia.conventions.poses import gravity_by_imu
 from tactile_dynamics_ros.core.inertia.conventions.ranking import Readings
 from tactile_dynamics_ros.recording.importers.csv_mapping import load_yaml, read_mapping
 from tactile_dynamics_ros.recording.importers.guess import Answers, guess_tables
@@ -198,7 +198,7 @@ def test_gravity_along_no_axis_is_read_off_a_recording_and_can_be_stated(tmp_pat
         up = np.swapaxes(read.pose.rotation, 1, 2)[:, :, 2]
         assert_allclose(up, log.turn.inv().apply([0.0, 0.0, 1.0]), atol=0.01)
     assert "gravity acts along (" in reading.change
-    assert felt_gravity(recorded(log, tmp_path)) is None
+    assert gravity_by_imu(recorded(log, tmp_path)) is None
     with pytest.raises(BadInputError, match="expected three numbers"):
         assumed(streams, "gravity_direction=up")
 

@@ -143,10 +143,10 @@ def slow_slip(rng, expected, ratio, seconds=2.5, onset=1.0, **channels):
     for time in np.arange(0.0, seconds, 0.01):
         since = max(time - onset, 0.0)
         vibration = np.exp(rng.normal(0.0, 0.25) + min(3.0 * since, 1.0))
-        felt = ratio * min(1.0, 0.6 + 0.4 * time) + rng.normal(0.0, 0.01)
+        measured = ratio * min(1.0, 0.6 + 0.4 * time) + rng.normal(0.0, 0.01)
         path = 4e-3 * since**2 + rng.normal(0.0, 3e-5)
         seen = {"vibration": vibration, "electrodes": rng.normal(0.2, 0.3), "path": path} | channels
-        if fusion.update(time, SlipObservation(ratio=felt, **seen)).slipping:
+        if fusion.update(time, SlipObservation(ratio=measured, **seen)).slipping:
             return float(time)
     return None
 

@@ -56,7 +56,7 @@ def test_regions_have_their_own_friction():
 
 @pytest.mark.timeout(240)
 def test_an_object_in_the_air_is_probed_without_being_rocked():
-    """Were the felt force fed to the holding fingers, the brick would swing by 10 degrees."""
+    """Were the measured force fed to the holding fingers, the brick would swing by 10 degrees."""
     duplo = next(subject for subject in SUBJECTS if subject.name == "lego duplo")
     trial = build_trial(Case(duplo, 301, in_air=True))
     trial = replace(trial, probe=replace(trial.probe, most_slips=8))
@@ -145,7 +145,7 @@ def slip_row(onset=1.0, seen=1.05, rng=None):
             "vibration": (1.0 + 4.0 * shows).tolist(),
             "electrodes": (2.0 * shows + 0.1 * rng.standard_normal(len(time))).tolist(),
             "path": (0.005 * np.maximum(time - onset, 0.0)).tolist(),
-            "felt": np.column_stack([np.ones_like(time), 0.6 - 0.2 * shows, 0 * time]).tolist(),
+            "measured": np.column_stack([np.ones_like(time), 0.6 - 0.2 * shows, 0 * time]).tolist(),
             "phase": ["press"] * 3 + ["unload"] * (len(time) - 6) + ["press"] * 3,
         },
     }

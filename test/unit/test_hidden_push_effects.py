@@ -156,8 +156,8 @@ def test_a_second_object_rubs_as_soon_as_the_first_is_pushed_against_it(table, s
     assert not made.reveal()["hidden_effect"]["in_catalogue"]
 
 
-def felt(table, effect, turn=0.0, times=1):
-    """Return how a push is felt, and the truth."""
+def measured(table, effect, turn=0.0, times=1):
+    """Return how a push is measured, and the truth."""
     made = table(effect)
     for _ in range(times):
         (found,) = made.effect.feel([PUSH], turn, 0.01)
@@ -165,18 +165,18 @@ def felt(table, effect, turn=0.0, times=1):
 
 
 def test_sensors_lie_as_the_truth_says(table):
-    found, told = felt(table, "force_scale")
+    found, told = measured(table, "force_scale")
     assert_allclose(found.force, told["gain"] * PUSH.force)
-    found, told = felt(table, "force_bias", turn=np.pi / 2.0)
+    found, told = measured(table, "force_bias", turn=np.pi / 2.0)
     assert_allclose((found.force - PUSH.force)[:2], [-told["bias"][1], told["bias"][0]], atol=1e-12)
-    found, told = felt(table, "sensor_rotation")
+    found, told = measured(table, "sensor_rotation")
     angle = np.arctan2(found.force[1], found.force[0]) - np.arctan2(1.0, 2.0)
     assert angle == pytest.approx(float(told["angle"]))
-    found, told = felt(table, "contact_offset")
+    found, told = measured(table, "contact_offset")
     assert_allclose(found.point - PUSH.point, told["shift"])
-    found, told = felt(table, "time_offset")
+    found, told = measured(table, "time_offset")
     assert found.time - PUSH.time == pytest.approx(float(told["delay"]))
-    found, told = felt(table, "sensor_lag", times=2)
+    found, told = measured(table, "sensor_lag", times=2)
     assert_allclose(found.force, (1.0 - np.exp(-0.02 / told["lag"])) * PUSH.force)
 
 

@@ -89,10 +89,10 @@ def test_a_force_on_the_flange_is_found_from_joint_torques(clean, fitted):
     streams = clean.streams
     motion = arm.motion(streams.position, *np.zeros((2, *streams.position.shape)))
     wrench = np.array([0.0, 0.0, 0.0, 12.0, -8.0, 5.0])
-    felt = np.einsum("nai,a->ni", arm.flange_jacobian(motion), wrench)
+    measured = np.einsum("nai,a->ni", arm.flange_jacobian(motion), wrench)
     monitor, found = JointMonitor(arm, known), []
     for k in range(1000, 5000):
-        monitor.add(streams.time[k], streams.position[k], streams.effort[k] - felt[k])
+        monitor.add(streams.time[k], streams.position[k], streams.effort[k] - measured[k])
         if k % 50 == 0 and (told := monitor.latest()) is not None and not told.doubt:
             found.append(told)
     assert len(found) > 10

@@ -146,9 +146,9 @@ def imu_table(folder, signs=(1.0, 1.0, 1.0), unit=1.0):
     """A log without positions, and what an accelerometer reads whose axes have other signs."""
     log = WristLog.draw(7, SECONDS)
     moved = savgol_filter(log.position, 25, 5, deriv=2, delta=log.time[1], axis=0)
-    felt = log.rotation.inv().apply(moved - GRAVITY_W) * signs / unit
+    measured = log.rotation.inv().apply(moved - GRAVITY_W) * signs / unit
     names = ["t", *axes("q", "xyzw"), *axes("imu_acc_"), *axes("gyro_"), *axes("f"), *axes("m")]
-    columns = [log.time, log.quaternion, felt, 0.0 * felt, -log.force, -log.torque]
+    columns = [log.time, log.quaternion, measured, 0.0 * measured, -log.force, -log.torque]
     return log, write_table(folder / "imu.csv", names, columns)
 
 
@@ -161,10 +161,10 @@ def test_accelerations_of_an_imu_stand_for_positions(tmp_path, name, unit):
     assert "object_pose" not in guess.mapping
     streams = read_mapping(guess.mapping, tmp_path, "imu.csv").streams
     assert streams.pose is None
-    felt = streams.contacts["wrist"].force - log.mass * np.einsum(
+    measured = streams.contacts["wrist"].force - log.mass * np.einsum(
         "nij,nj->ni", streams.imu.rotation, streams.imu.specific_force
     )
-    in_sensor = np.einsum("nji,nj->ni", streams.imu.rotation, felt)
+    in_sensor = np.einsum("nji,nj->ni", streams.imu.rotation, measured)
     assert np.all(np.std(in_sensor, axis=0) < 0.05 * log.mass * 9.81)
 
 

@@ -12,7 +12,7 @@ from tactile_dynamics_ros.core.planar.filter.change import Change
 from tactile_dynamics_ros.core.planar.filter.live import LiveProperties, PropertyConfig
 from tactile_dynamics_ros.core.planar.filter.record import PushRecord
 from tactile_dynamics_ros.core.planar.filter.summary import of_filter, of_fit
-from tactile_dynamics_ros.core.planar.filter.tracker import Felt
+from tactile_dynamics_ros.core.planar.filter.tracker import ContactForce
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.network.models import pushing_model
 from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate
@@ -22,8 +22,8 @@ STD = np.array([5e-4, 5e-4, 3e-3])
 PATCH = SupportPatch(BLOCK)
 
 
-def felt(time, newtons, name="pusher"):
-    return Felt(
+def measured(time, newtons, name="pusher"):
+    return ContactForce(
         name,
         time,
         np.array([newtons, 0.0, 0.0]),
@@ -63,8 +63,8 @@ def test_a_record_keeps_what_lies_around_the_latest_touches():
         time = 0.01 * k
         record.add_pose(time, np.zeros(3), STD)
         touched = 2.0 <= time < 4.0 or 10.0 <= time < 10.5
-        record.add_contact(felt(time, 3.0 if touched else 0.0))
-        record.add_contact(felt(time, 0.0, "pad_left"))
+        record.add_contact(measured(time, 3.0 if touched else 0.0))
+        record.add_contact(measured(time, 0.0, "pad_left"))
         over = 4.995 < time < 9.995 or time > 11.495
         assert record.has_ended(time) == over, time
     streams = record.streams(BLOCK, gravity=np.array([0.0, 0.0, -9.81]))
@@ -74,7 +74,7 @@ def test_a_record_keeps_what_lies_around_the_latest_touches():
     assert link.time[0] == pytest.approx(2.5)  # half a second of the first push, one before it
     assert link.time[-1] == pytest.approx(11.49, abs=0.011)
     assert not np.any((link.time > 5.0) & (link.time < 8.99))
-    assert len(contact.pose_time) == 100  # what is felt before a touch tells nothing
+    assert len(contact.pose_time) == 100  # what is measured before a touch tells nothing
     assert_allclose(contact.force_std, 0.03)
 
 
@@ -86,7 +86,7 @@ def test_a_long_rest_does_not_push_the_pushes_out(monkeypatch):
         time = 0.01 * k
         record.add_pose(time, np.zeros(3), STD)
         record.add_pusher(time, 0.1)
-        record.add_contact(felt(time, 3.0 if 2.0 <= time < 4.0 else 0.0))
+        record.add_contact(measured(time, 3.0 if 2.0 <= time < 4.0 else 0.0))
     streams = record.streams(BLOCK, gravity=np.array([0.0, 0.0, -9.81]))
     assert len(streams.contacts["pusher"].pose_time) == 200
     times = streams.links[0].time
@@ -98,7 +98,7 @@ def test_fits_know_how_the_sensor_was_turned():
     live = seen()
     for k in range(10):
         live.add_pusher(0.01 * k, np.array([0.4, 0.0, 0.02, 0.3 * k]))
-    live.add_contact(felt(0.05, 3.0))
+    live.add_contact(measured(0.05, 3.0))
     streams = live.due(2.0)
     assert_allclose(streams.pusher_yaw, 0.3 * np.arange(10))
     assert_allclose(streams.pusher_time, 0.01 * np.arange(10))
@@ -142,7 +142,7 @@ def test_a_learnt_model_filters_at_the_steps_of_its_training_and_has_no_fits(nam
         time, at = 0.01 * k, 0.2 * min(max(0.01 * k - 1.0, 0.0), 0.5)
         live.add_pose(time, np.array([at, 0.0, 0.0]), STD)
         live.add_pusher(time, np.array([at - 0.05, 0.0, 0.02, 0.0]))
-        one = felt(time, 3.0 if 1.0 <= time < 1.5 else 0.0)
+        one = measured(time, 3.0 if 1.0 <= time < 1.5 else 0.0)
         live.add_contact(replace(one, point=np.array([at - 0.05, 0.0, 0.02])))
         live.advance(time)
     assert live.due(4.0) is None
@@ -204,7 +204,7 @@ def test_a_fit_to_hardly_more_pushes_is_no_new_reference(monkeypatch):
     live, referred = seen(), []
     monkeypatch.setattr(live.monitor, "refer", lambda mean, _: referred.append(mean[0]))
     for push in range(8):
-        live.add_contact(felt(2.0 * push, 3.0))
+        live.add_contact(measured(2.0 * push, 3.0))
         live.take_fit(fitted(force=3.0 + push))
     assert np.round(9.81 * np.exp(referred)).tolist() == [3, 4, 5, 7, 10]  # of 1, 2, 3, 5, 8
     live.take_fit(fitted(error=2.0))
@@ -217,12 +217,12 @@ def told_change():
 
 def test_no_fit_is_a_reference_while_a_change_is_told_and_not_answered(monkeypatch):
     live, referred = seen(), []
-    live.add_contact(felt(0.05, 3.0))
+    live.add_contact(measured(0.05, 3.0))
     live.take_fit(fitted(force=3.0))
     live.monitor.alarm = told_change()
     live.advance(0.09)
     monkeypatch.setattr(live.monitor, "refer", lambda mean, _: referred.append(mean[0]))
-    live.add_contact(felt(6.0, 3.0))
+    live.add_contact(measured(6.0, 3.0))
     live.take_fit(fitted(force=4.0))
     assert referred == []
     live.set_effects([])
@@ -232,9 +232,9 @@ def test_no_fit_is_a_reference_while_a_change_is_told_and_not_answered(monkeypat
 
 def test_fits_with_effects_begin_with_what_was_known_before_the_change():
     live = seen()
-    live.add_contact(felt(0.05, 3.0))
+    live.add_contact(measured(0.05, 3.0))
     live.take_fit(fitted(force=3.0))
-    live.add_contact(felt(3.0, 3.0))
+    live.add_contact(measured(3.0, 3.0))
     live.take_fit(fitted(force=5.0, error=2.0))  # no reference: the model does not fit
     live.set_effects(["support_tilt"])
     assert live.known is None  # nothing has changed
@@ -259,7 +259,7 @@ def test_another_outline_is_another_object():
 
 def test_other_effects_are_fitted_to_what_was_measured():
     live = seen()
-    live.add_contact(felt(0.05, 3.0))
+    live.add_contact(measured(0.05, 3.0))
     assert live.due(2.0) is not None
     assert live.due(2.0) is None
     live.take_fit(fitted())

@@ -11,10 +11,10 @@ import torch
 from tactile_dynamics_ros.cli import train_noise
 from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.planar.filter.observation import FeltWrench, relative_std
+from tactile_dynamics_ros.core.planar.filter.observation import MeasuredWrench, relative_std
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
 from tactile_dynamics_ros.core.planar.filter.process import PusherMotion
-from tactile_dynamics_ros.core.planar.filter.tracker import Felt, PushTracker, TrackerConfig
+from tactile_dynamics_ros.core.planar.filter.tracker import ContactForce, PushTracker, TrackerConfig
 from tactile_dynamics_ros.core.planar.network.noise import (
     CROP,
     NoiseWeights,
@@ -94,8 +94,8 @@ def told_of_touch(ways: list[float], forces: list[float], shares: list[float]) -
     history, found = TouchHistory(), []
     for way, force, share in zip(ways, forces, shares, strict=True):
         state = np.array([0.0, 0.0, 0.0, way / STEP, 0.0, 0.0])
-        felt = FeltWrench(np.array([force, 0.0]), np.full(2, 0.03))
-        touched = history.next(moved(way), felt, share, state)
+        measured = MeasuredWrench(np.array([force, 0.0]), np.full(2, 0.03))
+        touched = history.next(moved(way), measured, share, state)
         assert touched is not None
         found.append(touched)
     return found
@@ -168,13 +168,13 @@ class Threefold(NoiseWeights):
 
 
 def test_a_force_gets_the_whole_std_less_what_mechanics_miss():
-    felt = FeltWrench(np.array([2.0, 0.0]), np.full(2, 0.03))
+    measured = MeasuredWrench(np.array([2.0, 0.0]), np.full(2, 0.03))
     state, noise = np.zeros(6), TouchNoise(Threefold({}, "test"))
-    wider = noise.felt(moved(2e-3), felt, 1.0, state)
-    floor = relative_std(felt.value)
+    wider = noise.measured(moved(2e-3), measured, 1.0, state)
+    floor = relative_std(measured.value)
     np.testing.assert_allclose(np.hypot(wider.std, floor), 3.0 * np.hypot(0.03, floor))
-    gripped = noise.felt(replace(moved(2e-3), grip=True), felt, 1.0, state)
-    assert gripped is felt
+    gripped = noise.measured(replace(moved(2e-3), grip=True), measured, 1.0, state)
+    assert gripped is measured
 
 
 def tracked(noise) -> list:
@@ -190,7 +190,7 @@ def tracked(noise) -> list:
         )  # fmt: skip
         tracker.add_pusher(time, np.array([x - 0.056, 0.0, 0.02, 0.0]))
         tracker.add_contact(
-            Felt(
+            ContactForce(
                 "pusher", time + 0.005, np.array([2.0, 0.0, 0.0]), np.full(3, 0.03),
                 np.array([x - 0.05, 0.0, 0.02]), np.array([1.0, 0.0, 0.0]),
             )

@@ -42,8 +42,8 @@ def truth(seconds: float) -> tuple[np.ndarray, np.ndarray, Rotation, np.ndarray,
     last, next_ = (
         (a.inv() * b).as_rotvec() / STEP for a, b in ((before[1], turn), (turn, after[1]))
     )
-    felt = turn.inv().apply(acceleration + [0.0, 0.0, 9.81])
-    wrench = regressor(felt, 0.5 * (last + next_), (next_ - last) / STEP) @ PHI
+    specific_force = turn.inv().apply(acceleration + [0.0, 0.0, 9.81])
+    wrench = regressor(specific_force, 0.5 * (last + next_), (next_ - last) / STEP) @ PHI
     grasp = np.concatenate([np.concatenate([skew(p), np.eye(3)]) for p in POINTS], axis=1)
     squeeze = np.array([[-3.0, 0.5, 1.0], [2.0, -1.0, 0.0], [0.5, 2.0, -1.0]]).ravel()
     force = squeeze + (wrench - squeeze @ grasp.T) @ np.linalg.pinv(grasp).T

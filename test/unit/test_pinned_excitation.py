@@ -57,9 +57,9 @@ def test_noise_of_a_wrench_is_that_of_the_forces_that_touch_with_their_arms():
 def information(samples: WrenchSamples, std: float) -> np.ndarray:
     total = np.zeros((10, 10))
     for k, turn in enumerate(samples.rotation):
-        felt = turn.T @ (samples.acceleration[k] - samples.gravity)
+        measured = turn.T @ (samples.acceleration[k] - samples.gravity)
         rates = samples.angular_velocity[k], samples.angular_acceleration[k]
-        rows = regressor(felt[None], *(rate[None] for rate in rates))[0]
+        rows = regressor(measured[None], *(rate[None] for rate in rates))[0]
         total += rows.T @ np.linalg.solve(covariance(samples, k, std), rows)
     return total
 

@@ -17,7 +17,7 @@ from tactile_dynamics_ros.cli import train_pushing_rounds
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
 from tactile_dynamics_ros.synthetic.pushed.objects import GRAVITY
 from tactile_dynamics_ros.synthetic.pushed.recordings import PushOptions, draw_scene, generate
-from tactile_dynamics_ros.synthetic.pushed.sensed import arrived, felt_by_pads, pulled
+from tactile_dynamics_ros.synthetic.pushed.sensed import arrived, force_of_pads, pulled
 from tactile_dynamics_ros.synthetic.pushed.sensors import SensorOptions
 
 
@@ -84,8 +84,8 @@ def test_pads_feel_the_sum_of_forces_and_their_torque_about_the_gripper():
     scene = SimpleNamespace(tip=SimpleNamespace(height=0.02))
     moved = pulled(scene, motion, 0, 0.01)
     assert moved.grip
-    felt = felt_by_pads(motion, slice(1, 10), moved, np.zeros((2, 2)))
-    np.testing.assert_allclose(felt.value, [1.5, 0.0, -0.015], atol=1e-12)
+    measured = force_of_pads(motion, slice(1, 10), moved, np.zeros((2, 2)))
+    np.testing.assert_allclose(measured.value, [1.5, 0.0, -0.015], atol=1e-12)
 
 
 def test_daily_objects_have_their_published_numbers_and_do_not_tip_over():

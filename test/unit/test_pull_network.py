@@ -10,7 +10,11 @@ import pytest
 from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.cli.train_pushing import SETTINGS, simulate_steps
 from tactile_dynamics_ros.core.planar.filter.dual import DualFilter
-from tactile_dynamics_ros.core.planar.filter.observation import FeltWrench, Observation, SeenPose
+from tactile_dynamics_ros.core.planar.filter.observation import (
+    MeasuredWrench,
+    Observation,
+    SeenPose,
+)
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
 from tactile_dynamics_ros.core.planar.filter.process import PusherMotion
 from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
@@ -72,7 +76,7 @@ def test_simulated_pulls_are_what_the_mechanics_expect_torque_included(pulled):
 
 
 def test_a_small_training_tells_force_and_torque_of_pulls(pulled, trained):
-    assert trained.felt == 3
+    assert trained.forces == 3
     said = [step_on(trained, s.thing, s.states, s.parameters, s.push)[1] for s in pulled]
     off, true = np.concatenate(said), np.concatenate([s.force for s in pulled])
     error = np.sqrt(np.mean((off - true) ** 2, axis=0))
@@ -110,7 +114,7 @@ def test_a_gripper_that_stands_has_the_direction_of_its_yaw():
 
 
 def silent(weights: GraphWeights) -> GraphWeights:
-    return replace(weights, motion_scale=np.zeros(6), force_scale=np.zeros(weights.felt))
+    return replace(weights, motion_scale=np.zeros(6), force_scale=np.zeros(weights.forces))
 
 
 def grip(step: int = 1, turning: float = 0.2, lift: float = 0.0) -> PusherMotion:
@@ -151,9 +155,9 @@ def test_a_filter_learns_product_and_centre_from_a_pull_by_the_shipped_network(k
         motion = grip(k, turning=0.3 if k % 20 < 10 else -0.3)
         now = mechanics.predict(state, true, motion)
         state = now.states
-        felt = FeltWrench(now.wrench[0], np.array([0.05, 0.05, 0.002]))
+        forces = MeasuredWrench(now.wrench[0], np.array([0.05, 0.05, 0.002]))
         pose = SeenPose(state[0, :3], POSE_STD)
-        belief.step(motion, Observation((pose,), felt if k > 1 else None))
+        belief.step(motion, Observation((pose,), forces if k > 1 else None))
     mean, covariance = belief.parameters
     assert covariance[0, 0] < 0.05 * prior[0, 0]
     assert abs(mean[0] - true[0, 0]) < 0.15
@@ -165,6 +169,6 @@ def test_pulls_are_learnt_by_a_command_of_their_own_and_not_in_rounds(tmp_path, 
     arguments = ["train", "pushing", "--action", "pull", "--out", str(out)]
     one_part = ["--kind", "graph_residual", "--objects", "2", "--epochs", "1"]
     assert main([*arguments, *one_part]) == 0
-    assert GraphWeights.load(out).felt == 3
+    assert GraphWeights.load(out).forces == 3
     assert main([*arguments, "--choice", "active"]) != 0
     assert "--action push" in capsys.readouterr().err

@@ -8,7 +8,7 @@ from tactile_dynamics_ros.core.planar.actions.exploration import Choice, Explore
 from tactile_dynamics_ros.core.planar.actions.information import Belief, PredictedObject
 from tactile_dynamics_ros.core.planar.diagnosis import changed
 from tactile_dynamics_ros.core.planar.filter.change import ChangeConfig, ChangeMonitor
-from tactile_dynamics_ros.core.planar.filter.observation import FeltWrench, SeenPose
+from tactile_dynamics_ros.core.planar.filter.observation import MeasuredWrench, SeenPose
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
 from tactile_dynamics_ros.core.planar.filter.process import PusherMotion
 from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, PushedStreams
@@ -44,7 +44,7 @@ def push(watch, rng, start, heading, pull=(0.0, 0.0), factor=1.0, spread=0.05, b
         state = np.concatenate([before, SPEED * off, [0.0]]), STATE_STD
         seen = before + [5e-4, 5e-4, 3e-3] * rng.standard_normal(3)
         poses = (SeenPose(seen, np.array([5e-4, 5e-4, 3e-3]), STEP),) if k % 2 else ()
-        watch.see(start + STEP * k, state, motion, FeltWrench(force, np.full(2, 0.03)), poses)
+        watch.see(start + STEP * k, state, motion, MeasuredWrench(force, np.full(2, 0.03)), poses)
     watch.release(start + 0.6)
 
 
@@ -113,9 +113,9 @@ def test_an_object_whose_motion_is_not_known_tells_nothing():
     for k in range(40):
         before = np.append(SPEED * STEP * k * np.array([1.0, 0.0]), 0.0)
         motion = PusherMotion(before, before + [SPEED * STEP, 0.0, 0.0], STEP)
-        felt = FeltWrench(rng.normal(0.0, 3.0, 2), np.full(2, 0.03))
+        measured = MeasuredWrench(rng.normal(0.0, 3.0, 2), np.full(2, 0.03))
         seen = SeenPose(before, np.array([0.02, 0.02, 0.5]), STEP)
-        watch.see(STEP * k, (np.append(before, [SPEED, 0.0, 0.0]), wide), motion, felt, (seen,))
+        watch.see(STEP * k, (np.append(before, [SPEED, 0.0, 0.0]), wide), motion, measured, (seen,))
     watch.release(0.4)
     assert watch.change is None
 

@@ -18,13 +18,13 @@ from tactile_dynamics_ros.core.planar.filter.belief import (
 )
 from tactile_dynamics_ros.core.planar.filter.linked_patch import LinkedPatchProcess
 from tactile_dynamics_ros.core.planar.filter.observation import (
-    FeltWrench,
+    MeasuredWrench,
     Observation,
     SeenPose,
 )
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
 from tactile_dynamics_ros.core.planar.filter.process import Prediction, PusherMotion
-from tactile_dynamics_ros.core.planar.filter.tracker import Felt, PushTracker
+from tactile_dynamics_ros.core.planar.filter.tracker import ContactForce, PushTracker
 from tactile_dynamics_ros.synthetic import pushed
 from tactile_dynamics_ros.synthetic.pushed.actions import ActionOptions
 
@@ -65,8 +65,8 @@ class Linear:
         moved = states.copy()
         moved[:, :3] += motion.step * states[:, 3:]
         moved[:, 3:] = 0.5 * states[:, 3:] + parameters @ self.by_own.T
-        felt = (parameters @ self.by_own.T + 0.7 * states[:, 3:])[:, :3]
-        return Prediction(moved, felt, self.force_std, self.state_std, self.lasting)
+        measured = (parameters @ self.by_own.T + 0.7 * states[:, 3:])[:, :3]
+        return Prediction(moved, measured, self.force_std, self.state_std, self.lasting)
 
 
 GOING = PusherMotion(np.zeros(3), np.array([1e-4, 0.0, 0.0]), 0.01, touching=True)
@@ -113,7 +113,7 @@ def test_both_steps_together_are_the_exact_update_of_a_linear_model(monkeypatch)
     mean, covariance = found.belief.mean.copy(), found.belief.covariance
     seen = Observation(
         (SeenPose(np.array([2e-4, 1e-3, 0.0]), np.array([1e-3, 1e-3, 5e-3]), 0.004),),
-        FeltWrench(np.array([0.05, 0.02, 0.01]), np.array([0.3, 0.2, 0.5])),
+        MeasuredWrench(np.array([0.05, 0.02, 0.01]), np.array([0.3, 0.2, 0.5])),
     )
     found.step(GOING, seen)
     by = np.zeros((13, 13))
@@ -124,9 +124,9 @@ def test_both_steps_together_are_the_exact_update_of_a_linear_model(monkeypatch)
     noise[4:10, 4:10] = np.diag(np.square(dual._NOISE))
     by_seen = np.zeros((6, 13))
     by_seen[:3, 4:7], by_seen[:3, 7:10] = np.eye(3), -0.004 * np.eye(3)
-    felt = np.zeros((3, 13))
-    felt[:, :4], felt[:, 7:10] = process.by_own, 0.7 * np.eye(3)
-    rows = np.concatenate([by_seen[:3] @ by, felt])
+    measured = np.zeros((3, 13))
+    measured[:, :4], measured[:, 7:10] = process.by_own, 0.7 * np.eye(3)
+    rows = np.concatenate([by_seen[:3] @ by, measured])
     extra = by_seen @ noise @ by_seen.T
     total = rows @ covariance @ rows.T + extra + np.diag(seen.noise() ** 2)
     cross = by @ covariance @ rows.T + noise @ by_seen.T
@@ -140,10 +140,12 @@ def test_both_steps_together_are_the_exact_update_of_a_linear_model(monkeypatch)
 
 
 def test_what_a_model_says_of_its_own_forces_counts_as_their_noise():
-    felt = Observation((), FeltWrench(np.array([0.05, 0.02]), np.array([0.3, 0.2])))
-    stated = replace(felt, wrench=replace(felt.wrench, std=np.hypot(felt.wrench.std, 0.4)))
+    measured = Observation((), MeasuredWrench(np.array([0.05, 0.02]), np.array([0.3, 0.2])))
+    stated = replace(
+        measured, wrench=replace(measured.wrench, std=np.hypot(measured.wrench.std, 0.4))
+    )
     own, told = linear_filter(Linear(force_std=0.4)), linear_filter(Linear())
-    own.step(GOING, felt)
+    own.step(GOING, measured)
     told.step(GOING, stated)
     assert_allclose(own.belief.mean, told.belief.mean, atol=1e-9)
     assert_allclose(own.belief.std, told.belief.std, rtol=1e-6)
@@ -184,14 +186,14 @@ def test_a_coarse_step_tells_no_mass(step, learns):
     motion = replace(GOING, after=np.array([0.01 * step, 0.0, 0.0]), step=step)
     found.step(motion, Observation())
     mean, covariance = found.parameters
-    found.step(motion, Observation((), FeltWrench(np.array([0.0, 3.0]), np.full(2, 0.01))))
+    found.step(motion, Observation((), MeasuredWrench(np.array([0.0, 3.0]), np.full(2, 0.01))))
     gain = np.linalg.solve(covariance[np.ix_([0, 2, 3], [0, 2, 3])], covariance[[0, 2, 3], 1])
     now, spread = found.parameters
     expected = mean[1] + gain @ (now - mean)[[0, 2, 3]]
     assert abs(now[1] - expected) > 0.01 if learns else abs(now[1] - expected) < 1e-9
 
 
-FELT = Observation((), FeltWrench(np.array([1.0, 3.0]), np.full(2, 0.01)))
+FELT = Observation((), MeasuredWrench(np.array([1.0, 3.0]), np.full(2, 0.01)))
 
 
 def test_a_tip_that_stands_or_starts_within_a_coarse_step_tells_no_force():
@@ -228,8 +230,8 @@ class Growing(Linear):
 def test_the_force_of_what_is_believed_teaches_nothing_however_unsure_the_belief():
     found = linear_filter(Growing())
     mean = found.parameters[0]
-    felt = FeltWrench(np.array([np.exp(mean[0]), 0.0]), np.full(2, 0.05))
-    found.step(GOING, Observation((), felt))
+    measured = MeasuredWrench(np.array([np.exp(mean[0]), 0.0]), np.full(2, 0.05))
+    found.step(GOING, Observation((), measured))
     assert_allclose(found.parameters[0], mean, atol=1e-3)
     assert found.parameters[1][0, 0] < 0.5 * Growing().prior[1][0, 0]
 
@@ -458,7 +460,7 @@ def play(recording, drop=lambda kind, time: False, until=np.inf):
             tracker.add_pusher(time, np.array(place))
         else:
             tracker.add_contact(
-                Felt("pusher", time, contact.force[k], contact.force_std, contact.point[k],
+                ContactForce("pusher", time, contact.force[k], contact.force_std, contact.point[k],
                      contact.normal[k])
             )  # fmt: skip
         tracker.advance(time - 0.02)

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from tactile_dynamics_ros.core.planar.filter import revised
 from tactile_dynamics_ros.core.planar.filter.dual import DualConfig, DualFilter
 from tactile_dynamics_ros.core.planar.filter.linked_patch import LinkedPatchProcess
-from tactile_dynamics_ros.core.planar.filter.observation import FeltWrench, Observation
+from tactile_dynamics_ros.core.planar.filter.observation import MeasuredWrench, Observation
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
 from tactile_dynamics_ros.core.planar.filter.process import Prediction, PusherMotion
 from tactile_dynamics_ros.core.planar.filter.revised import RevisedFilter, filter_of
@@ -19,8 +19,8 @@ BLOCK = np.array([[-0.05, -0.03], [0.05, -0.03], [0.05, 0.03], [-0.05, 0.03]])
 
 
 @dataclass(frozen=True)
-class Felt:
-    """Standing parts of which a force is felt that follows from the parameters alone."""
+class ContactForce:
+    """Standing parts of which a force is measured that follows from the parameters alone."""
 
     links: int = 1
     names: tuple[str, ...] = ("ln_product", "ln_mass", "com_x", "com_y")
@@ -34,11 +34,11 @@ class Felt:
         return parameters, ()
 
     def predict(self, states, parameters, motion):
-        """The same states, and what is felt."""
-        return Prediction(states.copy(), self.felt(parameters, motion.link))
+        """The same states, and what is measured."""
+        return Prediction(states.copy(), self.measured(parameters, motion.link))
 
 
-class Linear(Felt):
+class Linear(ContactForce):
     """The force is linear in the parameters."""
 
     @property
@@ -48,13 +48,13 @@ class Linear(Felt):
         root[1, 0] = 0.2
         return np.zeros(4), root @ root.T
 
-    def felt(self, parameters, link):
+    def measured(self, parameters, link):
         """Two numbers of three parameters."""
         by = np.array([[1.0, 0.5, 0.0, 0.0], [0.0, 1.0, -0.5, 0.0], [0.0, 0.0, 0.0, 0.0]])
         return parameters @ by.T
 
 
-class Sum(Felt):
+class Sum(ContactForce):
     """Friction of two parts and its torque: only their sum and its centre act.
 
     Parameters are ln of both frictions, and how far the first one's centre lies towards the second
@@ -66,7 +66,7 @@ class Sum(Felt):
         """Parts of half a newton, known to a factor of two, and centres known to a tenth."""
         return np.log([0.5, 0.5, 1.0, 1.0]), np.diag(np.square([0.6, 0.6, 0.1, 0.1]))
 
-    def felt(self, parameters, link):
+    def measured(self, parameters, link):
         """Sum, and torque about the first part's middle with the second at a distance of 1."""
         one, two = np.exp(parameters[:, :2].T)
         torque = two + one * parameters[:, 2 + link]
@@ -77,9 +77,9 @@ def pushed(found, truth, steps, std=0.03, seed=0):
     """Let a filter feel a push on each part with noise, and rest after each."""
     rng = np.random.default_rng(seed)
     for link in (0, 1):
-        value = found.process.felt(truth[None], link)[0, :2]
+        value = found.process.measured(truth[None], link)[0, :2]
         for _ in range(steps):
-            noisy = FeltWrench(value + std * rng.normal(size=2), np.full(2, std))
+            noisy = MeasuredWrench(value + std * rng.normal(size=2), np.full(2, std))
             found.step(replace(GOING, link=link), Observation((), noisy))
         found.step(None, Observation())
     return found

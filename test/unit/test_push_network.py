@@ -15,7 +15,11 @@ from tactile_dynamics_ros.cli import train_pushing_rounds
 from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.planar.filter.dual import DualFilter
-from tactile_dynamics_ros.core.planar.filter.observation import FeltWrench, Observation, SeenPose
+from tactile_dynamics_ros.core.planar.filter.observation import (
+    MeasuredWrench,
+    Observation,
+    SeenPose,
+)
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
 from tactile_dynamics_ros.core.planar.filter.process import PusherMotion
 from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
@@ -269,8 +273,8 @@ def test_a_filter_learns_from_the_shipped_network(kind):
         at = np.array([-0.05, 0.0, 0.0]) + k * speed
         motion = PusherMotion(at, at + speed, STEP, touching=True, normal=np.array([1.0, 0.0]))
         pose = SeenPose((k + 1) * speed, np.array([5e-4, 5e-4, 3e-3]))
-        felt = FeltWrench(np.array([3.0, 0.0]), np.full(2, 0.1))
-        belief.step(motion, Observation((pose,), felt if k > 1 else None))
+        measured = MeasuredWrench(np.array([3.0, 0.0]), np.full(2, 0.1))
+        belief.step(motion, Observation((pose,), measured if k > 1 else None))
     mean, covariance = belief.parameters
     assert covariance[0, 0] < 0.05 * before
     assert abs(np.exp(mean[0]) * 9.81 - 3.0) < 0.6

@@ -59,8 +59,8 @@ def test_a_simulated_push_goes_on_from_the_last_pose_with_the_friction_believed(
     assert np.all(np.diff(link.time) > 0.0)
     assert np.allclose(link.pose[new][0], slow.streams.links[0].pose[-1], atol=5e-3)
     assert np.linalg.norm(link.pose[-1, :2] - link.pose[new][0, :2]) > 0.02
-    felt = np.linalg.norm(contact.force[contact.time > longer.session_starts[-1] + 0.2], axis=1)
-    assert 0.6 < np.median(felt) / truth["friction_force_n"] < 1.2
+    measured = np.linalg.norm(contact.force[contact.time > longer.session_starts[-1] + 0.2], axis=1)
+    assert 0.6 < np.median(measured) / truth["friction_force_n"] < 1.2
 
 
 def test_clocks_that_differ_are_a_fault():

@@ -32,7 +32,7 @@ def view(time=0.0, force=(0.5, -0.2, 2.0)):
     return SensorView(time, contacts, rotation, POSE)
 
 
-def felt(effect, time=0.0, force=(0.5, -0.2, 2.0)):
+def measured(effect, time=0.0, force=(0.5, -0.2, 2.0)):
     """Reported forces (4, 3) in the sensors' axes."""
     seen = view(time, force)
     readings = effect.feel(seen)
@@ -46,33 +46,33 @@ def rows(effect, name):
 
 def test_bias_is_added_in_sensor_axes():
     effect = attached("force_bias")
-    assert felt(effect) - [0.5, -0.2, 2.0] == pytest.approx(rows(effect, "bias"))
+    assert measured(effect) - [0.5, -0.2, 2.0] == pytest.approx(rows(effect, "bias"))
     assert np.abs(rows(effect, "bias")).max() > 0.05
 
 
 def test_drift_grows_linearly():
     effect = attached("force_drift")
-    assert felt(effect, 0.0) == pytest.approx(np.tile([0.5, -0.2, 2.0], (4, 1)))
-    assert felt(effect, 10.0) - [0.5, -0.2, 2.0] == pytest.approx(10.0 * rows(effect, "rate"))
+    assert measured(effect, 0.0) == pytest.approx(np.tile([0.5, -0.2, 2.0], (4, 1)))
+    assert measured(effect, 10.0) - [0.5, -0.2, 2.0] == pytest.approx(10.0 * rows(effect, "rate"))
 
 
 def test_scale_multiplies():
     effect = attached("force_scale")
     gain = 1.0 + rows(effect, "gain_error")
-    assert felt(effect) == pytest.approx(gain[:, None] * [0.5, -0.2, 2.0])
+    assert measured(effect) == pytest.approx(gain[:, None] * [0.5, -0.2, 2.0])
 
 
 def test_rotated_sensor_keeps_the_size_of_the_force():
     effect = attached("sensor_rotation")
     turned = Rotation.from_rotvec(rows(effect, "rotation")).apply([0.5, -0.2, 2.0])
-    assert felt(effect) == pytest.approx(turned)
-    assert np.linalg.norm(felt(effect), axis=1) == pytest.approx(np.sqrt(4.29))
+    assert measured(effect) == pytest.approx(turned)
+    assert np.linalg.norm(measured(effect), axis=1) == pytest.approx(np.sqrt(4.29))
 
 
 def test_lag_answers_a_ramp_late_by_its_time_constant():
     effect = attached("sensor_lag")
     for time in np.arange(0.0, 1.0, 0.01):
-        reported = felt(effect, time, (time, 2 * time, 3 * time))
+        reported = measured(effect, time, (time, 2 * time, 3 * time))
     assert reported == pytest.approx(np.tile((time - 0.03) * np.array([1, 2, 3]), (4, 1)), rel=1e-6)
 
 
@@ -95,8 +95,8 @@ def test_contact_offset_moves_points_with_the_object():
 
 def test_creep_relaxes_under_load_and_recovers():
     effect = attached("skin_creep")
-    loaded = [felt(effect, time)[0, 2] for time in np.arange(0.0, 60.0, 0.05)]
-    released = felt(effect, 60.0, (0.0, 0.0, 0.0))[0, 2]
+    loaded = [measured(effect, time)[0, 2] for time in np.arange(0.0, 60.0, 0.05)]
+    released = measured(effect, 60.0, (0.0, 0.0, 0.0))[0, 2]
     assert loaded[0] == pytest.approx(2.0)
     assert np.all(np.diff(loaded) < 0)
     assert loaded[-1] == pytest.approx(2.0 * 0.7, abs=0.04)
@@ -105,16 +105,16 @@ def test_creep_relaxes_under_load_and_recovers():
 
 def test_temperature_step_settles():
     effect = attached("temperature_step")
-    assert felt(effect, 5.0)[0] == pytest.approx([0.5, -0.2, 2.0])
-    assert np.linalg.norm(felt(effect, 60.0)[0] - [0.5, -0.2, 2.0]) == pytest.approx(0.4)
+    assert measured(effect, 5.0)[0] == pytest.approx([0.5, -0.2, 2.0])
+    assert np.linalg.norm(measured(effect, 60.0)[0] - [0.5, -0.2, 2.0]) == pytest.approx(0.4)
 
 
 def test_dead_zone_shrinks_every_axis():
-    assert felt(attached("dead_zone"))[0] == pytest.approx([0.25, 0.0, 1.75])
+    assert measured(attached("dead_zone"))[0] == pytest.approx([0.25, 0.0, 1.75])
 
 
 def test_cross_talk_mixes_neighbours_in_sensor_axes():
-    assert felt(attached("cross_talk")) == pytest.approx(np.tile([0.6, -0.24, 2.4], (4, 1)))
+    assert measured(attached("cross_talk")) == pytest.approx(np.tile([0.6, -0.24, 2.4], (4, 1)))
 
 
 def test_backlash_lags_by_half_its_play():
@@ -135,6 +135,6 @@ def _shifted(x):
 def test_nothing_happens_at_magnitude_zero(name):
     effect = create_hidden_effect(name, 0.0, seed=3)
     assert wrench_in_one_step(effect) == pytest.approx(np.zeros(6), abs=1e-9)
-    assert felt(effect) == pytest.approx(np.tile([0.5, -0.2, 2.0], (4, 1)))
+    assert measured(effect) == pytest.approx(np.tile([0.5, -0.2, 2.0], (4, 1)))
     assert effect.see(POSE, 0.0) == pytest.approx(POSE)
     assert effect.delay("touch") == 0.0

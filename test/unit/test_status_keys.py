@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from synthetic_recording import held_box
-from test_live_properties import felt, fitted, seen
+from test_live_properties import fitted, measured, seen
 
 from tactile_dynamics_ros.core.inertia.batch.inertial_estimate import EffectEstimate
 from tactile_dynamics_ros.core.inertia.live.live_estimate import Level, Verdict
@@ -48,7 +48,7 @@ def test_keys_of_a_held_object_are_unique(estimate):
 
 def test_keys_of_a_pushed_object_are_unique():
     live = seen()
-    live.add_contact(felt(0.05, 3.0))
+    live.add_contact(measured(0.05, 3.0))
     live.set_effects(["support_tilt", "viscous_support"])
     entry = {"mass": {"value": 1.0, "std": 0.1, "unit": ""}}
     fit = replace(fitted(), effects=dict.fromkeys(live.effects, entry), error_without=2.0)

@@ -182,13 +182,13 @@ def test_wrist_and_joints_of_a_bag_become_what_the_wrist_carries(tmp_path):
                 velocity=np.zeros(0),
                 effort=np.zeros(0),
             )
-            felt = wrench(
+            measured = wrench(
                 header=head,
                 wrench=pair(
                     force=vector(x=1.0, y=2.0, z=-10.0), torque=vector(x=0.1, y=0.2, z=0.3)
                 ),
             )
-            for line, message, kind in zip(lines, (state, felt), (joints, wrench), strict=True):
+            for line, message, kind in zip(lines, (state, measured), (joints, wrench), strict=True):
                 writer.write(line, k * 10**8, store.serialize_cdr(message, kind.__msgtype__))
     carried = td.read_wrist(tmp_path / "bag").streams
     turn = carried.pose.rotation

@@ -82,18 +82,18 @@ class FingertipImpedance:
         """Return the origin (3,) of the sensor frame in the world, m."""
         return np.asarray(self._kinematics.sensor_pose(self._finger, positions)[:3, 3])
 
-    def command(self, dt: float, positions: Array, wanted: Array, felt: Array) -> Array:
+    def command(self, dt: float, positions: Array, wanted: Array, measured: Array) -> Array:
         """Return the finger's joint targets (K,), rad.
 
         Args:
             dt: s since the last call.
             positions: (J,) measured, rad.
             wanted: (3,) force on the object, N, world axes.
-            felt: (3,) measured force on the object, N, world axes.
+            measured: (3,) measured force on the object, N, world axes.
         """
         config = self.config
         wanted = _limit(wanted, config.most_force)
-        self._missing = _limit(self._missing + config.force_gain * dt * (wanted - felt), 1.0)
+        self._missing = _limit(self._missing + config.force_gain * dt * (wanted - measured), 1.0)
         tip = self.tip(positions)
         self._velocity += min(1.0, dt / 0.03) * ((tip - self._last) / dt - self._velocity)
         self._last = tip
@@ -199,7 +199,7 @@ def total_wrench(points: Array, forces: Array, centre: Array) -> Array:
 class Hold:
     """Joint targets of the holding fingers that make up for what the probing finger does.
 
-    Their forces balance what the probe is to push; what it is felt to push comes late, and would
+    Their forces balance what the probe is to push; what they measure of the push is late, and would
     rock a light object in the air. A spring with integral action on the object brings it back to
     where it was: stiffness 150 N/m and 2 N m/rad, as far as 1.2 N and 0.06 N m.
 

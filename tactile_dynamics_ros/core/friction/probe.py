@@ -212,27 +212,27 @@ class FrictionProbe:
 
     def _act(self, dt: float, seen: ProbeInput) -> None:
         own = seen.contacts.get(self.config.finger)
-        felt = np.zeros(3) if own is None else own.force
+        measured = np.zeros(3) if own is None else own.force
         point = self._contact_place(seen.positions)
-        split = self.components(felt)
+        split = self.components(measured)
         observation = self._observation(seen, point, split)
         state = self.slip_state = self.slips.update(seen.time, observation)
         self._log.add(seen.time, split, point)
         self._step_phase(dt, seen, state.slipping and self._elapsed(seen.time) > 0.08)
         wanted = self._force()
-        finger = self._impedance.command(dt, seen.positions, wanted, felt)
+        finger = self._impedance.command(dt, seen.positions, wanted, measured)
         share = min(1.0, (seen.time - self._begin) / self.config.brace_time)
         self._memory += dt / _MEMORY_TIME * (split - self._memory)
-        self._pushed += min(1.0, dt / 0.03) * (felt - self._pushed)
+        self._pushed += min(1.0, dt / 0.03) * (measured - self._pushed)
         probing = (self._kinematics_point(seen.positions), wanted)
         grip = self._grip_from + share * (self._grip(self.wanted[0]) - self._grip_from)
         self._targets[self._arm_dof :] = self._hold.command(dt, seen.positions, grip, probing)
         self._targets[self._own] = finger
 
-    def _observation(self, seen: ProbeInput, point: Array, felt: Array) -> SlipObservation:
+    def _observation(self, seen: ProbeInput, point: Array, measured: Array) -> SlipObservation:
         """Signals that may be used: while the load builds up, skin moves without any slip."""
         self.path = float(point @ self._direction)
-        ratio = float(np.linalg.norm(felt[1:]) / max(felt[0], _LEAST_PRESS))
+        ratio = float(np.linalg.norm(measured[1:]) / max(measured[0], _LEAST_PRESS))
         if self.phase is ProbePhase.LOAD and seen.vibration is not None:
             return SlipObservation(seen.vibration, ratio=ratio)
         return SlipObservation(seen.vibration, seen.electrodes, self.path, ratio)

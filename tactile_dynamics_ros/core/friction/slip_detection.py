@@ -94,7 +94,7 @@ class SlipObservation:
         vibration: PAC level over rest (1 = silence), or None where the tip has no such channel.
         electrodes: change of the electrodes between frames over its scatter at rest, or None.
         path: path of the fingertip on the object along the pull, m, or None.
-        ratio: ratio of the tangential to the normal force that is felt, or None.
+        ratio: ratio of the tangential to the normal force that is measured, or None.
     """
 
     vibration: float | None = None

@@ -90,8 +90,8 @@ class SlipLog:
     def event(self, attempt: Attempt) -> SlipEvent | None:
         """Return the slip of the attempt, or None if too little was seen of it.
 
-        Tangential forces are taken along the pull: what is felt across it is mostly the error of
-        the force's direction. The slip is where the ratio of the smoothed forces is greatest, so
+        Tangential forces are taken along the pull: what is measured across it is mostly the error
+        of the force's direction. The slip is where the ratio of the smoothed forces is greatest, so
         that neither the delay of the detection enters nor creep before the slip.
         """
         time, force = np.array(self._time), np.array(self._force)

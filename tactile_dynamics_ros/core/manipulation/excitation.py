@@ -1,4 +1,4 @@
-"""Motions that make the inertia of a held object felt: Cartesian offsets as functions of time."""
+"""Motions by which a held object's inertia is identifiable: Cartesian offsets over time."""
 
 from __future__ import annotations
 

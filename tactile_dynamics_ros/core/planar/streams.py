@@ -93,13 +93,13 @@ class PushContact:
 
     def between(self, start: float, stop: float) -> PushContact:
         """What was measured from start to stop, s."""
-        felt = (self.time >= start) & (self.time <= stop)
+        kept = (self.time >= start) & (self.time <= stop)
         placed = (self.pose_time >= start) & (self.pose_time <= stop)
         return replace(
             self,
-            time=self.time[felt],
-            force=self.force[felt],
-            torque=None if self.torque is None else self.torque[felt],
+            time=self.time[kept],
+            force=self.force[kept],
+            torque=None if self.torque is None else self.torque[kept],
             pose_time=self.pose_time[placed],
             point=self.point[placed],
             normal=self.normal[placed],

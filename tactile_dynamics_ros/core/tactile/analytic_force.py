@@ -17,9 +17,9 @@ from tactile_dynamics_ros.core.tactile.calibration import (
 )
 from tactile_dynamics_ros.core.tactile.electrodes import ELECTRODE_NORMAL, ELECTRODE_POSITION
 from tactile_dynamics_ros.core.tactile.fingertip import (
-    Felt,
     FingertipConfigs,
     FingertipEstimator,
+    TactileReading,
     frame_period,
 )
 from tactile_dynamics_ros.core.tactile.network.weights import NetworkForceEstimator, NetworkWeights
@@ -42,7 +42,7 @@ class AnalyticForceModel:
         """Forget past frames; the rest counts (..., 19) do not matter here."""
         self._creep.reset()
 
-    def predict(self, change: Array) -> Felt:
+    def predict(self, change: Array) -> TactileReading:
         """Return the contacts in the next frame, given its tared signals (..., 20)."""
         force = self._creep.update(estimate_force(change, self.calibration))
         point, point_std = estimate_point(change, force, self.calibration)

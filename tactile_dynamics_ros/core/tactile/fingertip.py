@@ -103,7 +103,7 @@ class TactileEstimate:
         return cross(self.point, self.force)
 
 
-Felt = tuple[Array, Array, Array, Array]
+TactileReading = tuple[Array, Array, Array, Array]
 """Force (..., 3), std (..., 3), N, contact point (..., 3) and its std (...), m."""
 
 
@@ -113,7 +113,7 @@ class ForceModel(Protocol):
     def reset(self, rest: Array) -> None:
         """Forget past frames; the electrodes rest at (..., 19) counts."""
 
-    def predict(self, change: Array) -> Felt:
+    def predict(self, change: Array) -> TactileReading:
         """Return the contacts in the next frame, given its tared signals (..., 20)."""
 
 

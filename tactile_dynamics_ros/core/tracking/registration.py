@@ -51,8 +51,8 @@ PLANAR = (2, 3, 4)
 order and by z being up; more coordinates let noise tilt an object off its support."""
 BLUR = (4.0, 2.0, 1.0)
 """Blur of the outline in the first fine steps, over `outline_std`: a border that is pixels away is
-still felt. Without it fits end where edges do not meet yet. Larger or more of them blur borders of
-other things in, and each costs a step."""
+still measured. Without it fits end where edges do not meet yet. Larger or more of them blur borders
+of other things in, and each costs a step."""
 OBJECT_TOLERANCE = 0.012
 """Difference in depth, m, within which a pixel beside the outline shows the object: eight standard
 deviations of the camera at 0.8 m (1.5 mm). At half of it a box seen from its end is taken for one

@@ -57,19 +57,19 @@ class Support:
             point_std=point_std,
         )
 
-    def contact(self, felt: ContactStream, point_std: float | None) -> PushContact:
+    def contact(self, measured: ContactStream, point_std: float | None) -> PushContact:
         """Return a contact with its forces."""
-        std = felt.force_std
+        std = measured.force_std
         return PushContact(
-            name=felt.name,
-            time=felt.time,
-            force=felt.force @ self.R_WS,
+            name=measured.name,
+            time=measured.time,
+            force=measured.force @ self.R_WS,
             force_std=None if std is None else np.sqrt(np.median(std**2, axis=0)),
-            pose_time=felt.pose_time,
-            point=(felt.position - self.place) @ self.R_WS,
-            normal=felt.rotation[:, :, 2] @ self.R_WS,
+            pose_time=measured.pose_time,
+            point=(measured.position - self.place) @ self.R_WS,
+            normal=measured.rotation[:, :, 2] @ self.R_WS,
             point_std=point_std,
-            torque=felt.torque @ self.R_WS if felt.carries_torque else None,
+            torque=measured.torque @ self.R_WS if measured.carries_torque else None,
         )
 
     def _planar_std(self, pose: PoseStream) -> Array | None:

@@ -288,15 +288,15 @@ class _Assembly:
         placed = topics.pose_columns(pose, where, self._clock)
         variance = where.values[:, 7:].reshape(len(where), -1)[:, :1]
         point_std = float(np.sqrt(np.median(variance))) if variance.any() else None
-        felt = self._wrench(force, placed)
-        if felt is None:
+        measured = self._wrench(force, placed)
+        if measured is None:
             return self._support.path(
                 name, assemble_pose(placed, self._log, planar=True), point_std
             )
         stated = self._bag.tables.get(std)
         stream = assemble_contact(
             name,
-            felt,
+            measured,
             placed,
             None if stated is None else topics.std_columns(std, stated, self._clock),
             self._log,

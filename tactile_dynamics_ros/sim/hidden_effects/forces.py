@@ -22,7 +22,7 @@ TAUT_HEIGHT = (0.01, 0.02)
 
 
 def typical_force(plant: Plant) -> float:
-    """Three tenths of the object's weight, but 0.2 to 0.6 N: felt, and no danger to the grasp."""
+    """Three tenths of the object's weight, but 0.2 to 0.6 N: noticeable, and the grasp holds."""
     return float(np.clip(0.3 * 9.81 * plant.model.inertia.mass, 0.2, 0.6))
 
 

@@ -40,13 +40,13 @@ class TouchEffect(HiddenEffect):
 
     def feel(self, view: SensorView) -> dict[str, ContactReading]:
         """Change the force of every finger that touches."""
-        return {finger: self._felt(finger, view) for finger in view.contacts}
+        return {finger: self._measured(finger, view) for finger in view.contacts}
 
     def change(self, finger: str, force: Array, time: float) -> Array:
         """Return the reported force (3,) of the true one, N, sensor axes."""
         return force
 
-    def _felt(self, finger: str, view: SensorView) -> ContactReading:
+    def _measured(self, finger: str, view: SensorView) -> ContactReading:
         reading = view.contacts[finger]
         if finger not in view.sensor_rotation or self.magnitude == 0.0:
             return reading

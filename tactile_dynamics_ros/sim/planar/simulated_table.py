@@ -23,7 +23,7 @@ from tactile_dynamics_ros.sim.planar.table import (
     outlines,
     scattered,
 )
-from tactile_dynamics_ros.sim.planar.touch import Felt, TouchSensorConfig, TouchSensors
+from tactile_dynamics_ros.sim.planar.touch import TouchReading, TouchSensorConfig, TouchSensors
 from tactile_dynamics_ros.sim.sensors.depth_camera import DepthCamera, DepthCameraConfig, look_at
 from tactile_dynamics_ros.sim.sensors.fingertips import MarkerTracker, MarkerTrackerConfig
 from tactile_dynamics_ros.sim.simulated_robot import is_due, silenced
@@ -88,7 +88,7 @@ class TableReadings:
     width: float
     joints: Array
     rates: Array
-    touch: list[Felt]
+    touch: list[TouchReading]
     links_time: float
     links: list[Array | None]
 
@@ -145,8 +145,8 @@ class SimulatedTable:
         now, pose, depth = self.world.time, self.carriage.pose.copy(), None
         if looking and is_due(before, now, self.config.depth_rate_hz):
             depth = self.camera.measure(self.world.client, pose)
-        felt = self.pusher.read(now - 0.5 * (self.period - self.config.time_step))
-        contacts = self.effect.feel(felt, self.pusher.frame[3], self.period)
+        reading = self.pusher.read(now - 0.5 * (self.period - self.config.time_step))
+        contacts = self.effect.feel(reading, self.pusher.frame[3], self.period)
         last, self._joints = self._joints, self.pusher.joints
         return TableReadings(
             time=now,

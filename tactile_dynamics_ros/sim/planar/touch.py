@@ -247,7 +247,7 @@ class TouchSensorConfig:
 
 
 @dataclass(frozen=True)
-class Felt:
+class TouchReading:
     """What the sensor of one contact reports.
 
     Attributes:
@@ -283,7 +283,7 @@ class TouchSensors:
         """(3,) standard deviation of a reported force, N."""
         return np.full(3, max(self.config.force_noise, 1e-4))
 
-    def read(self, contacts: Iterable[ContactReading], rest: Array) -> list[Felt]:
+    def read(self, contacts: Iterable[ContactReading], rest: Array) -> list[TouchReading]:
         """Return what the sensors report.
 
         Args:
@@ -292,15 +292,15 @@ class TouchSensors:
         """
         return [self._read(contact, rest) for contact in contacts]
 
-    def _read(self, contact: ContactReading, rest: Array) -> Felt:
+    def _read(self, contact: ContactReading, rest: Array) -> TouchReading:
         config = self.config
         force = contact.force + config.force_noise * self._rng.standard_normal(3)
         error = config.point_noise * self._rng.standard_normal(3)
         error[2] += config.height_offset
         if not contact.in_contact or np.linalg.norm(force) < config.touch_force:
-            return Felt(contact.name, contact.time, np.zeros(3), force, rest, False)
+            return TouchReading(contact.name, contact.time, np.zeros(3), force, rest, False)
         pose = np.eye(4)
         across = np.array([-contact.normal[1], contact.normal[0], 0.0])
         pose[:3, :3] = np.column_stack([across, np.array([0.0, 0.0, 1.0]), contact.normal])
         pose[:3, 3] = contact.point + error
-        return Felt(contact.name, contact.time, force, force, pose, True)
+        return TouchReading(contact.name, contact.time, force, force, pose, True)

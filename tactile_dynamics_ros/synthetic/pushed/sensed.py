@@ -9,7 +9,11 @@ from typing import Any
 import numpy as np
 
 from tactile_dynamics_ros.core.planar.filter.dual import DualFilter
-from tactile_dynamics_ros.core.planar.filter.observation import FeltWrench, Observation, SeenPose
+from tactile_dynamics_ros.core.planar.filter.observation import (
+    MeasuredWrench,
+    Observation,
+    SeenPose,
+)
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
 from tactile_dynamics_ros.core.planar.filter.process import PusherMotion
 from tactile_dynamics_ros.core.planar.network.noise_features import Touched, TouchHistory
@@ -79,8 +83,8 @@ def sensed_steps(one: Any, period: float, seed: int) -> list[SensedStep]:
             continue
         steady = bool(touched > 0.99 and found and found[-1].motion is not None)
         moved = pulled(scene, motion, k, period) if pulls else pushed(scene, motion, k, period)
-        felt = (felt_by_pads if pulls else _felt_by_tip)(motion, window, moved, noise)
-        seen = Observation(poses, felt)
+        measured = (force_of_pads if pulls else _force_of_tip)(motion, window, moved, noise)
+        seen = Observation(poses, measured)
         found.append(SensedStep(moved, seen, steady, touched, truth, period))
     return found
 
@@ -133,11 +137,13 @@ def arrived(place: np.ndarray, begin: int, end: int) -> int:
     return begin + 1 + int(jumps[-1]) if len(jumps) else begin
 
 
-def _felt_by_tip(motion: Any, window: slice, _: PusherMotion, noise: np.ndarray) -> FeltWrench:
-    return FeltWrench(motion.force[window, 0].mean(axis=0) + noise, np.full(2, FORCE_STD))
+def _force_of_tip(motion: Any, window: slice, _: PusherMotion, noise: np.ndarray) -> MeasuredWrench:
+    return MeasuredWrench(motion.force[window, 0].mean(axis=0) + noise, np.full(2, FORCE_STD))
 
 
-def felt_by_pads(motion: Any, window: slice, moved: PusherMotion, noise: np.ndarray) -> FeltWrench:
+def force_of_pads(
+    motion: Any, window: slice, moved: PusherMotion, noise: np.ndarray
+) -> MeasuredWrench:
     """Force of both pads and its torque about where the gripper began, as `PushTracker` has it."""
     force = motion.force[window, 1:].mean(axis=0) + noise
     arm = motion.point[window, 1:].mean(axis=0) - moved.before[:2]
@@ -146,7 +152,7 @@ def felt_by_pads(motion: Any, window: slice, moved: PusherMotion, noise: np.ndar
     reach = float(np.linalg.norm(arm, axis=1).max())
     spread = np.hypot(reach * FORCE_STD * np.sqrt(2.0), POINT_STD * squeeze)
     std = np.array([FORCE_STD * np.sqrt(2.0), FORCE_STD * np.sqrt(2.0), spread])
-    return FeltWrench(np.append(force.sum(axis=0), torque), std)
+    return MeasuredWrench(np.append(force.sum(axis=0), torque), std)
 
 
 _KNOWN = 0.01
@@ -155,7 +161,7 @@ which the filter knows the truth: errors that only a wrong object causes are not
 
 
 @dataclass(frozen=True, eq=False)
-class FeltErrors:
+class ForceErrors:
     """Touched steps of one recording.
 
     Attributes:
@@ -169,7 +175,7 @@ class FeltErrors:
     granted: np.ndarray
 
 
-def felt_errors(one: Any, period: float, seed: int) -> FeltErrors:
+def force_errors(one: Any, period: float, seed: int) -> ForceErrors:
     """What a filter on mechanics that knows the object makes of all forces of a tip.
 
     It follows the poses and learns nothing from forces, so that each is judged by itself. Its
@@ -198,7 +204,7 @@ def felt_errors(one: Any, period: float, seed: int) -> FeltErrors:
         belief.step(step.motion, replace(step.seen, wrench=None))
     errors = np.array([row[1] for row in rows]).reshape(-1, 2)
     granted = np.array([row[2] for row in rows]).reshape(-1, 2, 2)
-    return FeltErrors([row[0] for row in rows], errors, granted)
+    return ForceErrors([row[0] for row in rows], errors, granted)
 
 
 def _judged(

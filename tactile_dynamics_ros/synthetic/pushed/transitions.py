@@ -90,7 +90,7 @@ def cut_steps(
         rows = start[motion.touched[start + 1] == link]
         if len(rows):
             push = _push(scene, motion, rows, span, link, pulls)
-            force = np.stack([_felt(motion, k, span, pulls) for k in rows])
+            force = np.stack([_measured(motion, k, span, pulls) for k in rows])
             parameters = np.broadcast_to(truth, (len(rows), len(truth)))
             after = states[rows + span]
             found.append(Transitions(thing, parameters, states[rows], after, push, force))
@@ -123,7 +123,7 @@ def _push(
     )
 
 
-def _felt(motion: Motion, k: int, span: int, pulls: bool) -> np.ndarray:
+def _measured(motion: Motion, k: int, span: int, pulls: bool) -> np.ndarray:
     """Mean force (2,) of a tip, or wrench (3,) of both pads about where the gripper begins."""
     window = slice(k + 1, k + span + 1)
     if not pulls:

@@ -127,12 +127,12 @@ def fingertip_gains(fitted: FittedModel, mass: float, std: float) -> dict[str, t
         BadInputError: the fit has another effect.
     """
     samples, effect, theta = fitted.samples[0], fitted.effects[0], fitted.theta[0]
-    names, felt = samples.contact_names, fitted.phi[0] / mass
+    names, measured = samples.contact_names, fitted.phi[0] / mass
     relative, derived = effect.coefficients(samples, theta), effect.factored(samples, theta)
     if relative is None or derived is None:
         raise BadInputError(f"gains: expected a fit with force_scale, got {effect.label}")
     factors = 1.0 + relative
-    total = felt / factors
+    total = measured / factors
     by_theta = -(total / factors)[:, None] * derived[1]
     rows = np.zeros((len(names), 10 + len(theta)))
     rows[:, 0], rows[:, 10:] = 1.0 / (factors * mass), by_theta

@@ -187,29 +187,29 @@ class CausalMotion:
         return float(-error[2])
 
 
-class FeltMotion(CausalMotion):
+class ImuMotion(CausalMotion):
     """Motion whose acceleration an IMU on the load feels: f = R^T (a - g), body frame."""
 
     def __init__(self) -> None:
         super().__init__()
-        self._felt, self._period, self._felt_at = np.zeros(3), 0.0, -np.inf
+        self._measured, self._period, self._measured_at = np.zeros(3), 0.0, -np.inf
 
     def feel(self, time: float, specific_force: Array) -> None:
         """Take what an IMU at the origin of the body feels, m/s^2, at a time, s."""
-        step = time - self._felt_at
+        step = time - self._measured_at
         if step > 0.0:
             self._period = min(step, _LONGEST_STEP)
-            self._felt, self._felt_at = np.asarray(specific_force, dtype=float), time
+            self._measured, self._measured_at = np.asarray(specific_force, dtype=float), time
 
     @property
     def settled(self) -> bool:
         """Whether rotation and specific force are known by now."""
-        return super().settled and self.time - self._felt_at < _LONGEST_STEP
+        return super().settled and self.time - self._measured_at < _LONGEST_STEP
 
     def at(self, time: Array) -> Motion:
         """Predict the motion at times (N,), s, near the newest pose."""
         found = super().at(time)
-        return found._replace(acceleration=found.rotation @ self._felt + GRAVITY_W)
+        return found._replace(acceleration=found.rotation @ self._measured + GRAVITY_W)
 
     @property
     def acceleration_std(self) -> tuple[float, float]:

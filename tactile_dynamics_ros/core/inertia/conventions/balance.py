@@ -197,8 +197,8 @@ def _left_of_imu(streams: Streams, stamps: Array, motions: Motions) -> dict[str,
         motions.read(streams, stamps),
     )
     used = by_pose.valid & by_imu.valid
-    seen = by_imu.felt[used]
-    found = {"acceleration": _share_left(seen - by_pose.felt[used], seen)}
+    seen = by_imu.specific_force[used]
+    found = {"acceleration": _share_left(seen - by_pose.specific_force[used], seen)}
     if imu.angular_velocity is not None:
         rate = by_imu.motion.angular_velocity_B[used]
         found["rate"] = _share_left(rate - by_pose.motion.angular_velocity_B[used], rate)

@@ -79,7 +79,7 @@ def _is_followed(time: Array, values: Array, window: Window) -> bool:
 
 @dataclass(frozen=True)
 class Course:
-    """A motion at a few instants, with the columns of what it may make felt.
+    """A motion at a few instants, with the columns of what readings may hold.
 
     Attributes:
         motion: at N instants.
@@ -90,7 +90,7 @@ class Course:
     valid: NDArray[np.bool_]
 
     @cached_property
-    def felt(self) -> Array:
+    def specific_force(self) -> Array:
         """(N, 3) acceleration without gravity, m/s^2, body axes."""
         world = self.motion.acceleration - GRAVITY_W
         return np.asarray(np.einsum("nji,nj->ni", self.motion.rotation, world))
@@ -99,7 +99,9 @@ class Course:
     def load(self) -> Array:
         """(M, 6, 10) regressors of the body where the motion is known."""
         motion = self.motion
-        rows = regressor(self.felt, motion.angular_velocity_B, motion.angular_acceleration_B)
+        rows = regressor(
+            self.specific_force, motion.angular_velocity_B, motion.angular_acceleration_B
+        )
         return np.asarray(rows[self.valid])
 
     @cached_property
@@ -161,8 +163,8 @@ class Motions:
         self, motion: Motion, imu: ImuStream, stamps: Array, window: Window
     ) -> tuple[Motion, NDArray[np.bool_]]:
         mean = self._functional(imu.time, stamps, Window(IMU_HALF_WIDTH, 2), 1)
-        felt = mean.apply(imu.specific_force, 0)
-        world = np.einsum("nij,nj->ni", motion.rotation, felt) + GRAVITY_W
+        specific_force = mean.apply(imu.specific_force, 0)
+        world = np.einsum("nij,nj->ni", motion.rotation, specific_force) + GRAVITY_W
         changed, valid = replace(motion, acceleration=world), mean.valid
         if imu.angular_velocity is not None:
             rate = self._functional(imu.time, stamps, window, 2)

@@ -30,7 +30,7 @@ _AXIS = 0.05
 """Angle, rad, from an axis up to which gravity acts along it: 3 deg, as worlds are levelled to."""
 
 
-def felt_gravity(streams: Streams) -> Array | None:
+def gravity_by_imu(streams: Streams) -> Array | None:
     """Direction (3,) of gravity that the forces show, recorded world.
 
     f = m (a - g) + R b + m R ([w'] + [w]^2) c is linear in m, m g, b and m c; the mass by the
@@ -91,9 +91,9 @@ no number."""
 def pose_readings(streams: Streams) -> list[Reading]:
     """Readings of the pose of the object and of all stamps."""
     found = [falling(where, np.array(direction)) for where, direction in _GRAVITY.items()]
-    felt = felt_gravity(streams)
-    if felt is not None:
-        found.append(falling(f"along {write_direction(felt)}", felt))
+    specific_force = gravity_by_imu(streams)
+    if specific_force is not None:
+        found.append(falling(f"along {write_direction(specific_force)}", specific_force))
     found += [
         Reading("time_unit", f"stamps are in {unit}, not s", partial(slower, scale=scale))
         for unit, scale in _TIMES.items()

@@ -225,7 +225,7 @@ def plan_first_excitation(
     kind: Literal["A", "D"] = "A",
     robot: Robot | None = None,
 ) -> ExcitationPlan:
-    """Design the motion that follows the first grasp, before anything of the object is felt.
+    """Design the motion that follows the first grasp, before anything of the object is measured.
 
     The hand is presumed to hold the site as planned, in the posture in which it carries, with the
     force that it gives a body of the presumed mass; of the body no more is known than the prior of

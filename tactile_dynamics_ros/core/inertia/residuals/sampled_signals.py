@@ -115,9 +115,13 @@ class SampledSignals:
     def regressor(self) -> Array:
         """(valid samples, 6, 10) Newton-Euler regressor, of the motion alone."""
         motion, keep = self._kinematics, self.valid
-        felt = ((motion.acceleration - self.motion.gravity)[:, None] @ motion.rotation)[:, 0]
+        specific_force = ((motion.acceleration - self.motion.gravity)[:, None] @ motion.rotation)[
+            :, 0
+        ]
         return regressor(
-            felt[keep], motion.angular_velocity_B[keep], motion.angular_acceleration_B[keep]
+            specific_force[keep],
+            motion.angular_velocity_B[keep],
+            motion.angular_acceleration_B[keep],
         )
 
     def corrected(self, corrections: dict[str, Array]) -> SampledSignals:

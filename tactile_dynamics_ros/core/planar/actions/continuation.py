@@ -24,7 +24,7 @@ _STEP = 2e-3
 _PAUSE = 1.0
 """s between the recording and the push: they are two sessions for the estimator."""
 _TOUCH = 1e-3
-"""N from which a contact is felt: a thirtieth of the noise of a pad."""
+"""N from which a contact is measured: a thirtieth of the noise of a pad."""
 
 
 def continued(
@@ -68,18 +68,18 @@ def continued(
     force = np.pad(turned(motion.wrench[0, :, :2], last[2]), ((0, 0), (0, 1)))
     touched = np.linalg.norm(force, axis=1) > _TOUCH
     every = _every(contact.time)
-    felt = np.flatnonzero(touched)[::every]
+    measured = np.flatnonzero(touched)[::every]
     force = uniform_filter1d(force, every, axis=0)  # at instants the tip's ringing is aliased
     way = turned(push.normal[None], last[2:])[0]
-    more = _felt(contact, start + motion.time[felt], force[felt], random)
+    more = _measured(contact, start + motion.time[measured], force[measured], random)
     point = np.column_stack(
-        [placed(motion.point[0, :, :2], last)[felt], np.full(len(felt), thing.push_height)]
+        [placed(motion.point[0, :, :2], last)[measured], np.full(len(measured), thing.push_height)]
     )
-    point[:, :2] += contact.presumed_point_std * random.normal(size=(len(felt), 2))
-    normal = np.tile(np.append(way, 0.0), (len(felt), 1))
+    point[:, :2] += contact.presumed_point_std * random.normal(size=(len(measured), 2))
+    normal = np.tile(np.append(way, 0.0), (len(measured), 1))
     contact = replace(
         more,
-        pose_time=np.append(contact.pose_time, start + motion.time[felt]),
+        pose_time=np.append(contact.pose_time, start + motion.time[measured]),
         point=np.concatenate([contact.point, point]),
         normal=np.concatenate([contact.normal, normal]),
     )
@@ -94,7 +94,7 @@ def continued(
     )
 
 
-def _felt(
+def _measured(
     contact: PushContact, time: Array, force: Array, random: np.random.Generator
 ) -> PushContact:
     noisy = force + contact.presumed_force_std * random.normal(size=force.shape)

@@ -38,7 +38,7 @@ class Seen:
 
     Attributes:
         time: s. tip: (4,) x, y, z (m) and turn (rad). pose: (3,) of the object. pose_time: s.
-        force: N of the contact; 0 where nothing is felt or nobody tells.
+        force: N of the contact; 0 where nothing is measured or nobody tells.
     """
 
     time: float
@@ -98,8 +98,8 @@ _MOST_STEP = 0.04
 of travel. Longer gaps between poses make the motion wait instead of leap."""
 
 _MOVED = 2e-3
-"""m by which an object has to come elsewhere to have been touched, where no force is felt: poses of
-cameras are right to 1 mm."""
+"""m by which an object has to come elsewhere to have been touched, where no force is measured:
+poses of cameras are right to 1 mm."""
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ class Performance:
 
     Attributes:
         finished: whether it has ended. why: it was stopped; empty if it was not.
-        touched: whether a force was felt or the object moved.
+        touched: whether a force was measured or the object moved.
         width: m, of the jaws now; None before the first answer.
     """
 

@@ -16,7 +16,7 @@ from tactile_dynamics_ros.core.planar.diagnosis.separating_push import (
     TURNS_DEG,
     Predicted,
     Steady,
-    felt,
+    sensor_reading,
     with_height,
 )
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
@@ -92,7 +92,7 @@ class JointedPushes(Predicted):
         def lack(cut: Intervals) -> Array:
             return self.lacking(cut, pushes, self._motion.velocity, common, effects)
 
-        read = felt(self.intervals, point, np.arctan2(y, x), lack)
+        read = sensor_reading(self.intervals, point, np.arctan2(y, x), lack)
         return read / [1.0, 1.0, self.size, self.size]
 
     def describe(self, k: int) -> dict[str, Any]:

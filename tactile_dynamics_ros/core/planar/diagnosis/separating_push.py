@@ -105,7 +105,7 @@ class Steady(Predicted):
         def lack(cut: Intervals) -> Array:
             return self.lacking(cut, pose, velocity, common, effects)
 
-        return felt(self.intervals, point, heading, lack) / [1.0, 1.0, self.size]
+        return sensor_reading(self.intervals, point, heading, lack) / [1.0, 1.0, self.size]
 
     def describe(self, k: int) -> dict[str, Any]:
         """Through the centre of mass, so that the object does not turn."""
@@ -187,7 +187,9 @@ def plan_wider(thing: Predicted) -> dict[str, Any]:
     }
 
 
-def felt(seen: Intervals, point: Array, facing: Array, lack: Callable[[Intervals], Array]) -> Array:
+def sensor_reading(
+    seen: Intervals, point: Array, facing: Array, lack: Callable[[Intervals], Array]
+) -> Array:
     """Force (K, 2), N, that the sensor reads where none is lacking, and what else is, (K, D - 2).
 
     Args:

@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.core.planar.filter.observation import FeltWrench, SeenPose
+from tactile_dynamics_ros.core.planar.filter.observation import MeasuredWrench, SeenPose
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
 from tactile_dynamics_ros.core.planar.filter.pieces import Piece, PieceMeter
 from tactile_dynamics_ros.core.planar.filter.process import PusherMotion
@@ -139,13 +139,13 @@ class ChangeMonitor:
         time: float,
         state: tuple[Array, Array],
         motion: PusherMotion,
-        felt: FeltWrench | None,
+        measured: MeasuredWrench | None,
         poses: tuple[SeenPose, ...] = (),
     ) -> None:
         """Take a step in which something is touched; arguments as of `PieceMeter.see`."""
         if self._meter is not None:
             self.touch += motion.step
-            self._take(self._meter.see(time, state, motion, felt, poses))
+            self._take(self._meter.see(time, state, motion, measured, poses))
 
     def release(self, time: float) -> None:
         """Note that nothing is touched any more."""

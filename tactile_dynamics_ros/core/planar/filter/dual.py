@@ -312,13 +312,13 @@ class DualFilter:
         first, slack = 6 * motion.link, seen.slack
         state = np.zeros(self._moving)
         state[first : first + 2], state[first + 3 : first + 5] = -slack * motion.step, -slack
-        felt = by_state @ state
+        measured = by_state @ state
         if seen.wrench is not None:
             mass = np.exp(self.belief.mean[len(LINK_PARAMETERS) * motion.link + 1])
-            start = len(felt) - len(seen.wrench.value)
-            felt[start : start + 2] -= mass * slack / motion.step
+            start = len(measured) - len(seen.wrench.value)
+            measured[start : start + 2] -= mass * slack / motion.step
         local = np.zeros(len(self._local))
-        return np.concatenate([state, local, felt])[None]
+        return np.concatenate([state, local, measured])[None]
 
     def _predict(
         self, states: Array, here: Array, motion: PusherMotion, split: NDArray[np.intp]

@@ -18,7 +18,7 @@ from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
 from tactile_dynamics_ros.core.planar.filter.process import Process
 from tactile_dynamics_ros.core.planar.filter.record import PushRecord
 from tactile_dynamics_ros.core.planar.filter.summary import Properties, doubted, of_filter, of_fit
-from tactile_dynamics_ros.core.planar.filter.tracker import Felt, PushTracker, TrackerConfig
+from tactile_dynamics_ros.core.planar.filter.tracker import ContactForce, PushTracker, TrackerConfig
 from tactile_dynamics_ros.core.planar.known import KnownPushed
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.memory.combination import known_of
@@ -199,12 +199,12 @@ class LiveProperties:
         if self.tracker is not None:
             self.tracker.add_pusher(time, pose)
 
-    def add_contact(self, felt: Felt) -> None:
+    def add_contact(self, measured: ContactForce) -> None:
         """Take a force on the object."""
-        self.newest = max(self.newest, felt.time)
-        self.record.add_contact(felt)
+        self.newest = max(self.newest, measured.time)
+        self.record.add_contact(measured)
         if self.tracker is not None:
-            self.tracker.add_contact(felt)
+            self.tracker.add_contact(measured)
 
     def advance(self, until: float) -> int:
         """Take the filter's steps up to a time by which all measurements have come."""

@@ -1,4 +1,4 @@
-"""What is seen and felt during one step, as numbers that a prediction can be compared with."""
+"""What is seen and measured during one step, as numbers that a prediction can be compared with."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class SeenPose:
 
 
 @dataclass(frozen=True, eq=False)
-class FeltWrench:
+class MeasuredWrench:
     """Wrench of the pusher on the object, mean over the step, about where the pusher began.
 
     Attributes:
@@ -64,7 +64,7 @@ class Observation:
     """
 
     poses: tuple[SeenPose, ...] = ()
-    wrench: FeltWrench | None = None
+    wrench: MeasuredWrench | None = None
     slack: Array = field(default_factory=lambda: np.zeros(2))
 
     @property
@@ -178,14 +178,14 @@ def coverage(outline: Array, poses: Array, places: Array, blur: float) -> Array:
 class ForceNoise(Protocol):
     """What knows better than a sensor how good its forces are."""
 
-    def felt(
-        self, motion: PusherMotion, felt: FeltWrench | None, share: float, state: Array
-    ) -> FeltWrench | None:
+    def measured(
+        self, motion: PusherMotion, measured: MeasuredWrench | None, share: float, state: Array
+    ) -> MeasuredWrench | None:
         """The force of a step with its std, that of the mechanics (`relative_std`) left out.
 
         Args:
             motion: of the pusher.
-            felt: as stated, where it is known.
+            measured: as stated, where it is known.
             share: of the step's samples in which something was touched.
             state: (6 L,) that is believed when the step begins.
         """

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tactile_dynamics_ros.core.array import Array
-from tactile_dynamics_ros.core.planar.filter.observation import FeltWrench, SeenPose
+from tactile_dynamics_ros.core.planar.filter.observation import MeasuredWrench, SeenPose
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
 from tactile_dynamics_ros.core.planar.filter.process import PusherMotion
 from tactile_dynamics_ros.core.planar.mechanics.linkage import applied, shifted_twist, turned
@@ -66,7 +66,7 @@ class _Sum:
 
     Attributes:
         start: s, of its first step. motion: of its last. count: steps. duration: s.
-        way: m, of the pusher. spread: m/s, std of the velocity. felt: (2,) N, summed.
+        way: m, of the pusher. spread: m/s, std of the velocity. measured: (2,) N, summed.
         gain: (D, 2) m/s that centres of mass gained in these steps.
         rows: yaw and twist (4,) of the frame in each, as the filter believes.
     """
@@ -77,7 +77,7 @@ class _Sum:
     duration: float = 0.0
     way: float = 0.0
     spread: float = 0.0
-    felt: Array = field(default_factory=lambda: np.zeros(2))
+    measured: Array = field(default_factory=lambda: np.zeros(2))
     gain: Array = field(default_factory=lambda: np.zeros((_DRAWS, 2)))
     rows: list[Array] = field(default_factory=list)
 
@@ -89,7 +89,7 @@ class _Step:
     time: float
     state: Array
     motion: PusherMotion
-    felt: Array
+    measured: Array
 
     @property
     def end(self) -> float:
@@ -127,7 +127,7 @@ class PieceMeter:
         time: float,
         state: tuple[Array, Array],
         motion: PusherMotion,
-        felt: FeltWrench | None,
+        measured: MeasuredWrench | None,
         poses: tuple[SeenPose, ...],
     ) -> Piece | None:
         """Take a step in which something is touched; return the piece that ended before it.
@@ -136,7 +136,7 @@ class PieceMeter:
             time: s, when it begins.
             state: mean (6,) and covariance (6, 6) believed then.
             motion: of the pusher.
-            felt: None where the force is not known or just begins or ends.
+            measured: None where the force is not known or just begins or ends.
             poses: of the link that were seen meanwhile.
         """
         self._start = time if self._start is None else self._start
@@ -148,7 +148,9 @@ class PieceMeter:
         if self._open is not None and abs(self._open.end - time) < 0.5 * motion.step:
             ended = self._add(self._open, state)
         moves = _way(motion) >= _SLOWEST * motion.step
-        self._open = _Step(time, state[0], motion, felt.value[:2]) if felt and moves else None
+        self._open = (
+            _Step(time, state[0], motion, measured.value[:2]) if measured and moves else None
+        )
         return ended
 
     def release(self, time: float) -> Piece | None:
@@ -165,7 +167,7 @@ class PieceMeter:
         done.motion = step.motion
         done.gain += self._centre_velocity(state[0]) - self._centre_velocity(step.state)
         done.rows.append(0.5 * (step.state[2:] + state[0][2:]))
-        done.felt += step.felt
+        done.measured += step.measured
         done.count += 1
         done.duration += step.motion.step
         done.way += _way(step.motion)
@@ -200,7 +202,7 @@ class PieceMeter:
         rest = np.asarray(rest + 2.0 * momentum**2 * np.eye(2))
         if np.sqrt(np.trace(rest)) > _VAGUE * self.friction:
             return None
-        return Piece(start, time, done.felt / done.count - middle, middle, slopes.T, rest)
+        return Piece(start, time, done.measured / done.count - middle, middle, slopes.T, rest)
 
     def _expected(self, done: _Sum) -> Array:
         """Force (D, 2) that the motion of a piece takes: friction is overcome, mass accelerated.
@@ -216,11 +218,11 @@ class PieceMeter:
         missed, std = self._missed(done)
         yaw, rates = rows[:, 0], rows[:, 1:] + missed + np.tile(self._twist * std, (_PARTS, 1))
         link = self._process.link_of(np.tile(self._own, (_PARTS, 1)), done.motion)
-        felt = np.tile(done.felt / done.count, (len(yaw), 1))
-        friction = np.column_stack([-felt, np.zeros(len(yaw))])
+        measured = np.tile(done.measured / done.count, (len(yaw), 1))
+        friction = np.column_stack([-measured, np.zeros(len(yaw))])
         height = np.full(len(yaw), done.motion.height)
         twist = shifted_twist(rates, turned(link.com, yaw))
-        resistance = support_resistance(link, yaw, twist, friction, felt, height)
+        resistance = support_resistance(link, yaw, twist, friction, measured, height)
         resisted = applied(resistance, twist)[:, :2].reshape(_PARTS, _DRAWS, 2).mean(axis=0)
         return np.asarray(resisted + link.mass[:_DRAWS, None] * done.gain / done.duration)
 

@@ -35,7 +35,7 @@ class PusherMotion:
         step: s.
         height: m above the support.
         grip: whether it encloses the object, that then moves with it; else a tip pushes.
-        touching: whether it touches, where that was felt; None where the outline decides.
+        touching: whether it touches, where that was measured; None where the outline decides.
         normal: (2,) unit vector into the object at the tip, where known; None where the outline
             decides.
         lift: N upwards on the object, where known.

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.planar.filter.tracker import Felt, touches
+from tactile_dynamics_ros.core.planar.filter.tracker import ContactForce, touches
 from tactile_dynamics_ros.core.planar.streams import (
     USUAL_POSE_STD,
     LinkStream,
@@ -43,7 +43,7 @@ class PushRecord:
     def __init__(self, longest: float) -> None:
         self._longest = longest
         self._poses: dict[int, deque[tuple[float, Array, Array]]] = {0: deque(maxlen=_MOST)}
-        self._felt: dict[str, deque[Felt]] = {}
+        self._measured: dict[str, deque[ContactForce]] = {}
         self._touched: deque[float] = deque(maxlen=_MOST)
         self._turns: deque[tuple[float, float]] = deque(maxlen=_MOST_TURNS)
         self._new = False
@@ -59,13 +59,13 @@ class PushRecord:
         self._drop_rest(self._turns, time)
         self._turns.append((time, yaw))
 
-    def add_contact(self, felt: Felt) -> None:
+    def add_contact(self, measured: ContactForce) -> None:
         """Take a force; long after a touch, silence tells nothing and is left out."""
-        if touches(felt):
-            self._touched.append(felt.time)
+        if touches(measured):
+            self._touched.append(measured.time)
             self._new = True
-        if self._touched and felt.time - self._touched[-1] <= _AROUND:
-            self._felt.setdefault(felt.name, deque(maxlen=_MOST)).append(felt)
+        if self._touched and measured.time - self._touched[-1] <= _AROUND:
+            self._measured.setdefault(measured.name, deque(maxlen=_MOST)).append(measured)
 
     def _drop_rest(self, rows: deque[Any], now: float) -> None:
         """Drop rows far from touches where a deque is full, so that a rest pushes no push out.
@@ -101,9 +101,9 @@ class PushRecord:
         """Drop what was measured before a time, s."""
         for link, poses in self._poses.items():
             self._poses[link] = deque((row for row in poses if row[0] >= time), maxlen=_MOST)
-        for name, felt in self._felt.items():
-            kept = (each for each in felt if each.time >= time)
-            self._felt[name] = deque(kept, maxlen=_MOST)
+        for name, measured in self._measured.items():
+            kept = (each for each in measured if each.time >= time)
+            self._measured[name] = deque(kept, maxlen=_MOST)
         self._touched = deque((at for at in self._touched if at >= time), maxlen=_MOST)
 
     def streams(self, *footprints: Array, gravity: Array) -> PushedStreams:
@@ -120,10 +120,10 @@ class PushRecord:
         self._touched = deque(times.tolist(), maxlen=_MOST)
         links = tuple(self._link(k, outline, times) for k, outline in enumerate(footprints))
         contacts = {}
-        for name, felt in self._felt.items():
-            near = _follows(np.array([each.time for each in felt]), times)
-            rows = [each for each, keep in zip(felt, near, strict=True) if keep]
-            self._felt[name] = deque(rows, maxlen=_MOST)
+        for name, measured in self._measured.items():
+            near = _follows(np.array([each.time for each in measured]), times)
+            rows = [each for each, keep in zip(measured, near, strict=True) if keep]
+            self._measured[name] = deque(rows, maxlen=_MOST)
             if any(touches(each) for each in rows):
                 contacts[name] = _contact(name, rows)
         time, yaw = np.array(self._turns).T if self._turns else (None, None)
@@ -188,10 +188,10 @@ class PushWindow:
         """Take where the pusher is: x, y, z, yaw; its axes matter."""
         self._record.add_pusher(time, float(pose[3]))
 
-    def add_contact(self, felt: Felt) -> None:
+    def add_contact(self, measured: ContactForce) -> None:
         """Take a force on the object."""
-        self._record.add_contact(felt)
-        self.newest = max(self.newest, felt.time)
+        self._record.add_contact(measured)
+        self.newest = max(self.newest, measured.time)
 
     def streams(self, window: float = np.inf) -> PushedStreams:
         """All pushes that are kept: a few seconds of one push would tell nothing.
@@ -261,7 +261,7 @@ def _follows(at: Array, touched: Array) -> NDArray[np.bool_]:
     return np.asarray((last >= 0) & (at - touched[np.maximum(last, 0)] <= _AROUND))
 
 
-def _contact(name: str, rows: list[Felt]) -> PushContact:
+def _contact(name: str, rows: list[ContactForce]) -> PushContact:
     placed = [each for each in rows if touches(each)]
     return PushContact(
         name=name,

@@ -13,8 +13,8 @@ from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.planar.filter.change import ChangeMonitor
 from tactile_dynamics_ros.core.planar.filter.dual import DualConfig, DualFilter
 from tactile_dynamics_ros.core.planar.filter.observation import (
-    FeltWrench,
     ForceNoise,
+    MeasuredWrench,
     Observation,
     SeenPose,
 )
@@ -62,7 +62,7 @@ class TrackerConfig:
 
 
 @dataclass(frozen=True, eq=False)
-class Felt:
+class ContactForce:
     """One force of a contact.
 
     Attributes:
@@ -78,9 +78,9 @@ class Felt:
     normal: Array
 
 
-def touches(felt: Felt) -> bool:
+def touches(measured: ContactForce) -> bool:
     """Whether a force is more than its noise."""
-    return bool(np.linalg.norm(felt.force) > _TOUCH * float(felt.std.max()))
+    return bool(np.linalg.norm(measured.force) > _TOUCH * float(measured.std.max()))
 
 
 class _Series:
@@ -123,14 +123,15 @@ class _Contact:
         self.series = _Series()
         self._gaps: deque[float] = deque([0.01], maxlen=15)
 
-    def add(self, felt: Felt) -> None:
+    def add(self, measured: ContactForce) -> None:
         if self.series.times:
-            gap = felt.time - self.series.times[-1]
+            gap = measured.time - self.series.times[-1]
             if 0.0 < gap < 0.5:
                 self._gaps.append(gap)
         self.series.add(
-            felt.time, np.concatenate([felt.force, felt.std, felt.point, felt.normal])
-        )  # fmt: skip
+            measured.time,
+            np.concatenate([measured.force, measured.std, measured.point, measured.normal]),
+        )
 
     def touched(self, start: float, end: float) -> tuple[bool, Array | None]:
         """Whether it touches during a step, and the mean row of the samples within."""
@@ -212,9 +213,9 @@ class PushTracker:
         """Take where the pusher is: x, y, z (m), yaw (rad, unwrapped), in S."""
         self._pusher.add(time, np.asarray(pose, dtype=float))
 
-    def add_contact(self, felt: Felt) -> None:
+    def add_contact(self, measured: ContactForce) -> None:
         """Take a force."""
-        self._contacts.setdefault(felt.name, _Contact()).add(felt)
+        self._contacts.setdefault(measured.name, _Contact()).add(measured)
 
     def advance(self, until: float) -> int:
         """Take the steps that end before a time by which all measurements have come.
@@ -288,7 +289,7 @@ class PushTracker:
             motion = replace(motion, after=motion.after - np.append(step * lag, 0.0))
             wrench = self._wrench(touch, rows, motion) if rows else None
             if self._noise is not None:
-                wrench = self._noise.felt(motion, wrench, 1.0, self.filter.state[0])
+                wrench = self._noise.measured(motion, wrench, 1.0, self.filter.state[0])
             wrench = wrench if steady else None
             if self.watch is not None:
                 self.watch.see(start, self.filter.state, motion, wrench, poses)
@@ -366,12 +367,14 @@ class PushTracker:
         change = 0.5 * (np.sum([row[:2] for row in after], axis=0) - before)
         return np.asarray(change / (self.config.stiffness * step))
 
-    def _wrench(self, touch: _Touch, rows: list[Array], motion: PusherMotion) -> FeltWrench | None:
+    def _wrench(
+        self, touch: _Touch, rows: list[Array], motion: PusherMotion
+    ) -> MeasuredWrench | None:
         """Force of a tip, or wrench of both pads; one pad alone also feels the squeeze."""
         force = np.sum([row[:2] for row in rows], axis=0)
         std = np.linalg.norm([row[3:5] for row in rows], axis=0)
         if not touch.pads:
-            return FeltWrench(force, std)
+            return MeasuredWrench(force, std)
         if len(rows) < len(_PADS):
             return None
         arms = [row[6:8] - motion.before[:2] for row in rows]
@@ -380,7 +383,7 @@ class PushTracker:
             max(float(np.linalg.norm(a)) for a in arms) * std[0],
             3e-4 * max(float(np.linalg.norm(row[:2])) for row in rows),
         )
-        return FeltWrench(np.append(force, torque), np.append(std, spread))
+        return MeasuredWrench(np.append(force, torque), np.append(std, spread))
 
     def _stands(self) -> bool:
         assert self.filter is not None

@@ -27,7 +27,7 @@ contact, s. Shorter ones push the object with the pose's error."""
 
 @dataclass(frozen=True, eq=False)
 class Tip:
-    """A tip whose contact is felt, or follows from a convex outline.
+    """A tip whose contact is measured, or follows from a convex outline.
 
     f_n = max(0, c (p - v) . n), |f_t| <= friction f_n
 
@@ -55,24 +55,24 @@ class Tip:
             own = turned(arm, -frame[:, 2])
             depth, normal = nearest_edge(self.outline, edge_normals(self.outline), own)
             normal = turned(normal, frame[:, 2])
-        felt = np.full(len(arm), bool(self.touching))
+        in_contact = np.full(len(arm), bool(self.touching))
         if self.touching is None:
-            felt = depth + step * np.maximum(np.sum(velocity * normal, axis=1), 0.0) > 0.0
+            in_contact = depth + step * np.maximum(np.sum(velocity * normal, axis=1), 0.0) > 0.0
             velocity = velocity + normal * (np.maximum(depth, 0.0) / _CLOSING)[:, None]
-        return TipHold(self.friction, arm, normal, velocity, felt)
+        return TipHold(self.friction, arm, normal, velocity, in_contact)
 
 
 class TipHold:
     """Contact of a tip during one step."""
 
     def __init__(
-        self, friction: Array, arm: Array, normal: Array, velocity: Array, felt: Mask
+        self, friction: Array, arm: Array, normal: Array, velocity: Array, in_contact: Mask
     ) -> None:
         tangent = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
-        self.friction, self.felt = friction, felt
+        self.friction, self.in_contact = friction, in_contact
         self.along = [np.column_stack([d, cross(arm, d)]) for d in (normal, tangent)]
         self.drive = [np.sum(velocity * d, axis=1) for d in (normal, tangent)]
-        self.touches = felt
+        self.touches = in_contact
         self.slides = np.zeros(len(arm), dtype=bool)
         self.way = np.ones(len(arm))
 
@@ -96,7 +96,7 @@ class TipHold:
         """
         before = self.touches, self.slides, self.way * self.slides
         normal, tangential = self._forces(twist)
-        self.touches = self.felt & (normal > 0.0)
+        self.touches = self.in_contact & (normal > 0.0)
         most = self.friction * np.maximum(normal, 0.0)
         self.slides = self.touches & (np.abs(tangential) > most)
         self.way = np.sign(tangential)
@@ -106,7 +106,7 @@ class TipHold:
     def wrench(self, twist: Array) -> Array:
         """Wrench of the tip on the object."""
         normal, tangential = self._forces(twist)
-        normal = np.maximum(normal, 0.0) * self.felt
+        normal = np.maximum(normal, 0.0) * self.in_contact
         most = self.friction * normal
         force = (normal, np.clip(tangential, -most, most))
         return np.asarray(sum(f[:, None] * a for f, a in zip(force, self.along, strict=True)))

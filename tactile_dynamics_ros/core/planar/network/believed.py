@@ -11,7 +11,7 @@ import numpy as np
 from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.planar.filter.dual import DualConfig, DualFilter
 from tactile_dynamics_ros.core.planar.filter.linked_patch import LinkedPatchProcess
-from tactile_dynamics_ros.core.planar.filter.observation import FeltWrench, Observation
+from tactile_dynamics_ros.core.planar.filter.observation import MeasuredWrench, Observation
 from tactile_dynamics_ros.core.planar.filter.patch import PatchProcess
 from tactile_dynamics_ros.core.planar.filter.process import LINK_PARAMETERS, Process, PusherMotion
 from tactile_dynamics_ros.core.planar.network.graph import Push
@@ -100,7 +100,7 @@ def _as_expected(belief: DualFilter, motion: PusherMotion, seen: Observation) ->
     told, count = belief.expected(motion, seen)[0], len(seen.poses)
     places = told[: 3 * count].reshape(count, 3)
     poses = tuple(replace(p, value=v) for p, v in zip(seen.poses, places, strict=True))
-    return replace(seen, poses=poses, wrench=FeltWrench(told[3 * count :], seen.wrench.std))
+    return replace(seen, poses=poses, wrench=MeasuredWrench(told[3 * count :], seen.wrench.std))
 
 
 def believed_steps(pushes: Sequence[CandidatePush], seed: int) -> list[Transitions]:
@@ -166,8 +166,9 @@ def _transitions(push: CandidatePush, mean: Array, states: Array, spread: Array)
             step=one.step,
             link=one.link,
         ),
-        force=np.array([felt.value[:2] for _, _, felt in pairs]),
+        force=np.array([measured.value[:2] for _, _, measured in pairs]),
         noise=Noise(
-            np.concatenate([each, each], axis=2), np.array([felt.std[:2] for _, _, felt in pairs])
+            np.concatenate([each, each], axis=2),
+            np.array([measured.std[:2] for _, _, measured in pairs]),
         ),
     )

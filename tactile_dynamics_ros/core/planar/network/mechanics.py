@@ -54,8 +54,8 @@ def _part(
     arm, final = turned(parameters[:, 2:4], frame[:, 2]), simulation.twist[:, 0]
     across = np.stack([-arm[:, 1], arm[:, 0]], axis=1)
     velocity = final[:, :2] - final[:, 2:] * across
-    felt = wrench[:, : steps.force.shape[1]]
-    return np.concatenate([frame, velocity, final[:, 2:]], axis=1), felt
+    forces = wrench[:, : steps.force.shape[1]]
+    return np.concatenate([frame, velocity, final[:, 2:]], axis=1), forces
 
 
 def _pusher(

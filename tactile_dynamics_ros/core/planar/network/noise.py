@@ -13,7 +13,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.files import write_arrays
-from tactile_dynamics_ros.core.planar.filter.observation import FeltWrench, relative_std
+from tactile_dynamics_ros.core.planar.filter.observation import MeasuredWrench, relative_std
 from tactile_dynamics_ros.core.planar.filter.process import PusherMotion
 from tactile_dynamics_ros.core.planar.network.noise_features import (
     LOOK,
@@ -137,16 +137,16 @@ class TouchNoise:
         """Nothing was touched in this step."""
         self._history.end()
 
-    def felt(
-        self, motion: PusherMotion, felt: FeltWrench | None, share: float, state: Array
-    ) -> FeltWrench | None:
+    def measured(
+        self, motion: PusherMotion, measured: MeasuredWrench | None, share: float, state: Array
+    ) -> MeasuredWrench | None:
         """The force of a step with its corrected std, less what mechanics miss."""
-        touched = self._history.next(motion, felt, share, state)
-        if felt is None or touched is None:
-            return felt
+        touched = self._history.next(motion, measured, share, state)
+        if measured is None or touched is None:
+            return measured
         whole = float(self._model.touch_factor(touched)[0] * touched.stated[0])
         own = np.sqrt(max(whole**2 - float(relative_std(touched.force)[0]) ** 2, _LEAST**2))
-        return FeltWrench(felt.value, np.full(len(felt.value), own))
+        return MeasuredWrench(measured.value, np.full(len(measured.value), own))
 
 
 def _net(content: Any, name: str) -> NoiseNet:

@@ -1,4 +1,4 @@
-"""What is known at run time of how well something was seen or felt, as numbers for a noise model.
+"""What is known at run time of how good a pose or force is, as numbers for a noise model.
 
 A noise model says by which factor a stated standard deviation is off. It sees no truth: how much
 of the object was visible, how the touch began, whether the tip slides.
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.array import Array
-from tactile_dynamics_ros.core.planar.filter.observation import FeltWrench, relative_std
+from tactile_dynamics_ros.core.planar.filter.observation import MeasuredWrench, relative_std
 from tactile_dynamics_ros.core.planar.filter.process import PusherMotion
 
 TOUCH, LOOK = 9, 6
@@ -174,23 +174,23 @@ class TouchHistory:
         self._last, self._velocity, self._since = np.zeros(2), np.zeros(2), 0.0
 
     def next(
-        self, motion: PusherMotion, felt: FeltWrench | None, share: float, state: Array
+        self, motion: PusherMotion, measured: MeasuredWrench | None, share: float, state: Array
     ) -> Touched | None:
         """One step (N = 1) of a touch by a tip; None where its force or its normal is not known.
 
         Args:
             motion: of the pusher.
-            felt: its force.
+            measured: its force.
             share: of the step's samples in which something was touched.
             state: (6 L,) of the object when the step begins, as far as is believed.
         """
         velocity = (motion.after - motion.before)[:2] / motion.step
         found = None
-        if felt is not None and motion.normal is not None and not motion.grip:
+        if measured is not None and motion.normal is not None and not motion.grip:
             found = Touched(
-                force=felt.value[None, :2],
+                force=measured.value[None, :2],
                 last=self._last[None],
-                std=felt.std[:1],
+                std=measured.std[:1],
                 normal=motion.normal[None],
                 velocity=velocity[None],
                 before=self._velocity[None],
@@ -200,7 +200,7 @@ class TouchHistory:
                 step=np.array([motion.step]),
             )
         self._velocity, self._since = velocity, self._since + motion.step
-        self._last = np.zeros(2) if felt is None else felt.value[:2]
+        self._last = np.zeros(2) if measured is None else measured.value[:2]
         return found
 
 

@@ -45,9 +45,9 @@ _UNITS = np.array([1.0, 1.0, 20.0]), np.array([1.0, 1.0, 0.05])
 the shipped networks are trained with."""
 
 
-def help_units(speed: float, felt: int = 2) -> tuple[Array, Array]:
-    """Units (MOTION,) of velocities and (felt,) of forces among a residual network's inputs."""
-    return speed * np.tile(_UNITS[0], MOTION // 3), _UNITS[1][:felt]
+def help_units(speed: float, forces: int = 2) -> tuple[Array, Array]:
+    """Units (MOTION,) of velocities and (forces,) of forces among a residual network's inputs."""
+    return speed * np.tile(_UNITS[0], MOTION // 3), _UNITS[1][:forces]
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,10 +117,10 @@ class GraphProcess:
         base = None
         if weights.residual:
             found = self.base.predict(states, parameters, motion)
-            base = found.states, found.wrench[:, : weights.felt]
+            base = found.states, found.wrench[:, : weights.forces]
         loaded = self._loaded(parameters, motion)
         after, force, said = step_on(weights, self.thing, states, loaded, push, base)
-        wrench = np.pad(force, ((0, 0), (0, 3 - weights.felt)))
+        wrench = np.pad(force, ((0, 0), (0, 3 - weights.forces)))
         way = max(float(np.linalg.norm((motion.after - motion.before)[:2])), 1e-4)
         lasting = np.sqrt(max(_ALIKE / way, 1.0))
         force_std = lasting * float(np.median(said.force_std[:, :2].max(axis=1)))
@@ -144,7 +144,7 @@ class GraphProcess:
         return loaded
 
     def push_of(self, states: Array, motion: PusherMotion) -> Push:
-        """What the pusher does, in the outline's or the felt normal, or the gripper's way."""
+        """What the pusher does, in the outline's or the forces normal, or the gripper's way."""
         count = len(states)
         point = np.broadcast_to(motion.before[:2], (count, 2))
         velocity = np.broadcast_to((motion.after - motion.before)[:2] / motion.step, (count, 2))
@@ -178,7 +178,7 @@ def step_on(
     push: Push,
     base: tuple[Array, Array] | None = None,
 ) -> tuple[Array, Array, Expected]:
-    """States (C, 6 L), forces (C, felt) in axes of the support, and what the network said.
+    """States (C, 6 L), forces (C, forces) in axes of the support, and what the network said.
 
     Args:
         weights: of the network.
@@ -186,20 +186,20 @@ def step_on(
         states: (C, 6 L) when the step begins.
         parameters: (C, p).
         push: of the robot.
-        base: states (C, 6) and forces (C, felt) that mechanics expect; a residual network needs
+        base: states (C, 6) and forces (C, forces) that mechanics expect; a residual network needs
             them.
     """
-    force = np.zeros((len(states), weights.felt))
+    force = np.zeros((len(states), weights.forces))
     velocity, help_ = np.zeros((len(states), thing.links, MOTION)), None
     if base is not None:
         steps = Transitions(thing, parameters, states, base[0], push, base[1])
         velocity, force = outcome(steps, base[0]), to_contact(base[1], push.normal)
-        help_ = helping(velocity, force, help_units(weights.speed, weights.felt))
+        help_ = helping(velocity, force, help_units(weights.speed, weights.forces))
     graph = build_graph(thing, states, parameters, push, weights.speed, help_)
     expected = weights.evaluate(graph)
     after = advanced(thing, states, parameters, push, velocity + expected.motion)
-    felt = from_contact(force + expected.force, push.normal) * push.touching[:, None]
-    return after, felt, expected
+    forces = from_contact(force + expected.force, push.normal) * push.touching[:, None]
+    return after, forces, expected
 
 
 def advanced(thing: Thing, states: Array, parameters: Array, push: Push, motion: Array) -> Array:

@@ -71,11 +71,11 @@ class GraphNetwork(StepNetwork):
     """
 
     def __init__(self, about: GraphWeights, width: int) -> None:
-        super().__init__(net_sizes(about.kind, width, about.felt))
+        super().__init__(net_sizes(about.kind, width, about.forces))
         self.fixed = node_features(about.kind)
 
     def forward(self, nodes: Tensor, edges: Tensor) -> tuple[Tensor, Tensor]:
-        """Return (N, L, 2 MOTION) of the links and (N, 2 felt) of the robot."""
+        """Return (N, L, 2 MOTION) of the links and (N, 2 forces) of the robot."""
         links = nodes.shape[1] - 2
         blank = nodes.new_zeros((len(nodes), LATENT))
         node = [torch.cat([nodes[:, k], blank], dim=1) for k in range(links + 2)]
@@ -88,9 +88,9 @@ class GraphNetwork(StepNetwork):
         for k in range(links - 1, 0, -1):
             effect = self._edge(chain[k], chain[k - 1], edges[:, k], 1.0)
             chain[k - 1] = self._updated(chain[k - 1], effect)
-        felt = self._edge(chain[0], robot, edges[:, 0], 1.0)
+        forces = self._edge(chain[0], robot, edges[:, 0], 1.0)
         process = torch.stack([self.nets["process"](each) for each in chain], dim=1)
-        return process, self.nets["touch"](felt)
+        return process, self.nets["touch"](forces)
 
     def _edge(self, sender: Tensor, receiver: Tensor, static: Tensor, effect: float) -> Tensor:
         flag = static.new_full((len(static), 1), effect)
@@ -119,16 +119,16 @@ def step_loss(process: Tensor, touch: Tensor, motion: Told, force: Told) -> Tens
 
     Args:
         process: (N, L, 2 MOTION) and
-        touch: (N, 2 felt) that the network says, mean and ln std.
+        touch: (N, 2 forces) that the network says, mean and ln std.
         motion: (N, L, MOTION) and its std.
-        force: (N, felt) and its std.
+        force: (N, forces) and its std.
 
     Source: paper B, IV-B2; Seitzer et al. 2022.
     """
     total = _likelihood(process[..., :MOTION], process[..., MOTION:], motion)
     mean, log_std = torch.chunk(touch, 2, dim=-1)
-    felt: Tensor = total + _likelihood(mean, log_std, force)
-    return felt
+    forces: Tensor = total + _likelihood(mean, log_std, force)
+    return forces
 
 
 def _likelihood(mean: Tensor, log_std: Tensor, told: Told) -> Tensor:
@@ -141,7 +141,7 @@ def _likelihood(mean: Tensor, log_std: Tensor, told: Told) -> Tensor:
 
 
 def output_units(examples: Sequence[Examples]) -> tuple[Array, Array]:
-    """Units (MOTION,) of velocities and (felt,) of forces: their root mean squares."""
+    """Units (MOTION,) of velocities and (forces,) of forces: their root mean squares."""
     motion = np.concatenate([e.motion.reshape(-1, MOTION) for e in examples])
     force = np.concatenate([e.force for e in examples])
     return _root_mean_square(motion), _root_mean_square(force)

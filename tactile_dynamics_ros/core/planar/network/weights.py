@@ -73,7 +73,7 @@ class GraphWeights:
     origin: str
 
     @property
-    def felt(self) -> int:
+    def forces(self) -> int:
         """How many numbers the robot feels: 2 where a tip pushes, 3 where a gripper pulls."""
         return len(self.force_scale)
 
@@ -87,16 +87,16 @@ class GraphWeights:
         process, touch = self.outputs(graph)
         low, high = _LOG_STD
         spread = np.exp(np.clip(process[..., MOTION:], low, high))
-        felt = np.exp(np.clip(touch[..., self.felt :], low, high))
+        forces = np.exp(np.clip(touch[..., self.forces :], low, high))
         return Expected(
             process[..., :MOTION] * self.motion_scale,
             spread * self.motion_scale,
-            touch[..., : self.felt] * self.force_scale,
-            felt * self.force_scale,
+            touch[..., : self.forces] * self.force_scale,
+            forces * self.force_scale,
         )
 
     def outputs(self, graph: Graph) -> tuple[Array, Array]:
-        """Means and ln std of links (C, L, 12) and robot (C, 2 felt), in units of the outputs."""
+        """Means and ln std of links (C, L, 12) and robot (C, 2 forces), in units of the outputs."""
         return propagate(self.nets, graph)
 
     def save(self, path: Path) -> None:
@@ -154,25 +154,25 @@ def node_features(kind: str) -> int:
     return NODE + (HELP if kind == "graph_residual" else 0)
 
 
-def net_sizes(kind: str, width: int, felt: int = 2) -> dict[str, tuple[int, ...]]:
+def net_sizes(kind: str, width: int, forces: int = 2) -> dict[str, tuple[int, ...]]:
     """Inputs, hidden units and outputs of each of NETS: three layers each.
 
     Args:
         kind: one of `KINDS`.
         width: hidden units.
-        felt: numbers that the robot feels.
+        forces: numbers that the robot feels.
     """
     node = node_features(kind) + LATENT
     return {
         "edge": (2 * node + EDGE, width, width, LATENT),
         "node": (node + LATENT, width, width, LATENT),
         "process": (node, width, width, 2 * MOTION),
-        "touch": (LATENT, width, width, 2 * felt),
+        "touch": (LATENT, width, width, 2 * forces),
     }
 
 
 def propagate(nets: dict[str, Layers], graph: Graph) -> tuple[Array, Array]:
-    """Propagate cause from the robot outwards and effect back; return (C, L, 12) and (C, 2 felt).
+    """Propagate cause from the robot outwards and effect back; return (C, L, 12) and (C, 2 forces).
 
     Cause: each link is updated by the edge from where the cause comes, and by its support's.
     Effect: from the last link back, each sender's edge updates the receiver; the edge to the robot
@@ -193,9 +193,9 @@ def propagate(nets: dict[str, Layers], graph: Graph) -> tuple[Array, Array]:
     for k in range(links - 1, 0, -1):
         effect = _edge(nets, chain[k], chain[k - 1], graph.edges[:, k], 1.0)
         chain[k - 1] = _updated(nets, chain[k - 1], effect, fixed)
-    felt = _edge(nets, chain[0], robot, graph.edges[:, 0], 1.0)
+    forces = _edge(nets, chain[0], robot, graph.edges[:, 0], 1.0)
     process = np.stack([perceptron(nets["process"], each) for each in chain], axis=1)
-    return process, perceptron(nets["touch"], felt)
+    return process, perceptron(nets["touch"], forces)
 
 
 def _edge(

@@ -18,9 +18,9 @@ from tactile_dynamics_ros.core.shape.skin_surface import project_to_skin
 from tactile_dynamics_ros.core.tactile.calibration import MIRROR_AXES, LabelledPresses
 from tactile_dynamics_ros.core.tactile.electrodes import ELECTRODE_POSITION
 from tactile_dynamics_ros.core.tactile.fingertip import (
-    Felt,
     FingertipConfigs,
     FingertipEstimator,
+    TactileReading,
     frame_period,
 )
 from tactile_dynamics_ros.core.tactile.signal_change import MIRROR, PATTERN_FLOOR, signal_size
@@ -288,7 +288,7 @@ class NetworkForceModel:
         self._memory.reset(rest.shape[:-1])
         self._rest = rest
 
-    def predict(self, change: Array) -> Felt:
+    def predict(self, change: Array) -> TactileReading:
         """Return the contacts in the next frame, given its tared signals (..., 20)."""
         found = self.weights.evaluate(
             *network_inputs(change, self._memory.update(change), self._rest)

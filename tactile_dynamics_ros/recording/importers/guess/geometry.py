@@ -207,12 +207,12 @@ def others(scene: Scene, answers: Answers) -> Iterator[Geometry]:
     given, turn = read_gravity(answers), read_mounting(answers)
     if given is None:
         for axes in ("sensor", "world") if turn is None else ("sensor",):
-            up = scene.felt_up(axes, turn)
+            up = scene.measured_up(axes, turn)
             if up is not None and _angle_between(up, UP) > _LEANS:
                 yield _falling(scene, axes, up, turn)
     if turn is None:
         for up in AXES if given is None else [given]:
-            found = scene.felt_turn(up)
+            found = scene.measured_turn(up)
             if found is not None and turned_by(found) > _LEANS:
                 also = given is None and up @ UP < 1.0
                 geometry = Geometry(
@@ -223,12 +223,12 @@ def others(scene: Scene, answers: Answers) -> Iterator[Geometry]:
 
 
 def _falling(scene: Scene, axes: str, up: Array, turn: Array | None) -> Geometry:
-    """Gravity along an axis of the world if that fits as well, else along the direction felt."""
+    """Gravity along an axis of the world if that fits as well, else along what is measured."""
     exact = min(AXES, key=lambda axis: _angle_between(axis, up))
-    along, felt = scene.weigh(axes, exact, turn), scene.weigh(axes, up, turn)
+    along, measured = scene.weigh(axes, exact, turn), scene.weigh(axes, up, turn)
     away = _angle_between(exact, up)
-    near = away < _EXACT or (away < _UNSEEN and along.rms < _AS_WELL * felt.rms)
-    return Geometry(AXIS, along) if near else Geometry(LEANING, felt)
+    near = away < _EXACT or (away < _UNSEEN and along.rms < _AS_WELL * measured.rms)
+    return Geometry(AXIS, along) if near else Geometry(LEANING, measured)
 
 
 def say_gravity(up: Array) -> str:

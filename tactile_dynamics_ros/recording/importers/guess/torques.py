@@ -118,10 +118,10 @@ def _fit(
     """
     assert scene.measured.torque is not None
     read = scene.own_axes(signs * scene.measured.torque[scene.rows], weighing.axes, weighing.turn)
-    felt, still = GRAVITY * scene.in_body(weighing.up), np.zeros_like(read)
+    specific_force, still = GRAVITY * scene.in_body(weighing.up), np.zeros_like(read)
     moved, rate, change = (still, still, still) if scene.motion is None else scene.motion
     columns = [
-        regressor(felt + moved, rate, change)[:, :3, 1:],
+        regressor(specific_force + moved, rate, change)[:, :3, 1:],
         np.tile(np.eye(3), (len(read), 1, 1)),
     ]
     if pulled:

@@ -297,7 +297,7 @@ class Scene:
             inertial=float(np.median(inertial)) if inertial else None,
         )
 
-    def felt_up(self, axes: str, turn: Array | None = None) -> Array | None:
+    def measured_up(self, axes: str, turn: Array | None = None) -> Array | None:
         """Direction (3,) of up that fits best, file's world; None where no weight shows.
 
         Whether the sensor reads the load or what acts on it decides the sign: where accelerations
@@ -315,15 +315,15 @@ class Scene:
         length = float(np.linalg.norm(total))
         return total / length if length > 0.0 else None
 
-    def felt_turn(self, up: Array) -> Array | None:
+    def measured_turn(self, up: Array) -> Array | None:
         """Rotation (3, 3) from the recorded axes of the sensor to those of the pose that fits best.
 
         f = s m Q' R'(a + g u) + b: the affine map that fits best is close to a rotation times a
         mass of either sign; None where it is not.
         """
-        felt = GRAVITY * self.in_body(up) + self._columns[:, :, 0]
-        ones = np.ones((len(felt), 1))
-        columns = np.hstack([felt, ones, self._columns[:, :, 1:4].reshape(-1, 9)])
+        specific_force = GRAVITY * self.in_body(up) + self._columns[:, :, 0]
+        ones = np.ones((len(specific_force), 1))
+        columns = np.hstack([specific_force, ones, self._columns[:, :, 1:4].reshape(-1, 9)])
         total = np.zeros((3, 3))
         for part in self.sides:
             rows = columns[part]
@@ -337,8 +337,8 @@ class Scene:
     def _refined(self, turn: Array, up: Array) -> Array:
         """A rotation of the sensor, by Gauss-Newton with all that a load does."""
         weight = GRAVITY * self.in_body(up)[..., None]
-        felt = weight[..., 0] + self._columns[:, :, 0]
-        columns = np.concatenate([weight, -skew(felt), self._columns], axis=2)
+        specific_force = weight[..., 0] + self._columns[:, :, 0]
+        columns = np.concatenate([weight, -skew(specific_force), self._columns], axis=2)
         for _ in range(_ROUNDS):
             force, found = self.own_axes(self.force, "sensor", turn), np.zeros(4)
             for part in self.sides:
