@@ -275,7 +275,7 @@ def _from_urdf(text: str, link: str, name: str) -> KnownBody:
         return KnownBody.exact(_body_of(block), name)
     except (AttributeError, KeyError, ValueError) as error:
         raise BadInputError(
-            f"{name}: the inertial block of {link or 'the file'} lacks mass or inertia"
+            f"{name}: the inertial block of {link or 'the file'} has no mass or no inertia"
         ) from error
 
 

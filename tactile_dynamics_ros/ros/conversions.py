@@ -285,7 +285,7 @@ class JointReader:
         if missing:
             raise MessageError(
                 "missing_joint",
-                f"{self._topic}: lacks {len(missing)} of {len(self._names)} joints "
+                f"{self._topic}: {len(missing)} of {len(self._names)} joints are missing "
                 f"(first: {missing[0]}); publish arm and hand together",
             )
         self._order = np.array([names.index(one.leader) for one in told])

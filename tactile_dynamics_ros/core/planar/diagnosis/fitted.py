@@ -157,7 +157,7 @@ class FittedPushes(ABC):
 
     def families(self, effect: PushEffect) -> Sequence[PushEffect]:
         """An effect, or for sudden ones one for each push with which it may begin; or none."""
-        return effect.beginnings(self.intervals.push_starts) if effect.told else []
+        return effect.beginnings(self.intervals.push_starts) if effect.identifiable else []
 
     def regional(self) -> Sequence[PushEffect]:
         """Effects in a regime that are compared with friction that differs over the table."""

@@ -29,7 +29,7 @@ class PushEffect(ABC):
         of_joint: whether it is one of two parts on a joint, which alone can have it.
         of_parts: whether it means the same of two parts on a joint: a law of each part where it is,
             or of the sensor. A wrench at a point of one object does not.
-        told: whether pushes of one part can tell it; a wrong gain looks like another load.
+        identifiable: whether pushes of one part determine it; a wrong gain looks like another load.
         start: s, when it begins; None where it is there all along, or not yet known.
     """
 
@@ -45,7 +45,7 @@ class PushEffect(ABC):
     lasting: ClassVar[bool] = False
     of_joint: ClassVar[bool] = False
     of_parts: ClassVar[bool] = False
-    told: ClassVar[bool] = True
+    identifiable: ClassVar[bool] = True
     start: float | None = None
 
     def from_time(self, start: float) -> Self:

@@ -21,4 +21,4 @@ class LooseJoint(PushEffect):
         EffectParameter("p", "m", 0.002, "radius of the hole less the pin's", 0.002, least=0.0),
     )
     of_joint = True
-    told = False
+    identifiable = False

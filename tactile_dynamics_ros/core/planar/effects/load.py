@@ -135,7 +135,7 @@ class UnsensedContact(PushEffect):
     name = "unsensed_contact"
     family = "environment"
     formula = "force and torque constant in axes of the object"
-    looks_like = "What lacks turns with the object."
+    looks_like = "The missing force turns with the object."
     sentence = "something that moves along pushes at the object, unsensed"
     remedy = "Remove it, or give it a sensor."
     parameters = (

@@ -60,7 +60,7 @@ class ForceScale(PushEffect):
     parameters = (EffectParameter("g", "", 0.3, "relative correction of the gain", 0.1),)
     of_parts = True
     lasting = True
-    told = False
+    identifiable = False
 
     def changed(self, situation: Situation, theta: Array) -> Situation:
         """Forces by another gain."""
@@ -119,7 +119,7 @@ class SensorLag(PushEffect):
     name = "sensor_lag"
     family = "sensor"
     formula = "f_true = f_measured + tau df/dt"
-    looks_like = "What lacks follows the change of the force."
+    looks_like = "The missing force follows the change of the force."
     sentence = "the force sensor lags"
     remedy = "Switch its filter off, or correct the lag."
     parameters = (EffectParameter("tau", "s", 0.03, "time constant", 0.01, least=0.0),)
