@@ -255,15 +255,15 @@ def _decided(pair: Pair) -> str:
     if structure.slack is not None:
         raise NotIdentifiableError(
             f"the parts move as on a joint with play (about {1e3 * structure.slack.play[0]:.1f} "
-            "mm), effect loose_joint: `estimate --effects loose_joint` measures it; beside it nothing "
-            "else is identifiable, so tighten the joint and push again"
+            "mm), effect loose_joint: `estimate --effects loose_joint` measures it; beside it "
+            "nothing else is identifiable, so tighten the joint and push again"
         )
     if structure.name == "undecided":
         told = ", ".join(f"{name} {p:.2f}" for name, p in structure.probability.items())
         action = remedies("undecided", False, (), push=pair.telling_push)[0]
         raise NotIdentifiableError(
-            f"what the two parts are to each other is undecided ({told}), and no missing effect can "
-            f"be named for a guess: {action}"
+            f"what the two parts are to each other is undecided ({told}), and no missing effect "
+            f"can be named for a guess: {action}"
         )
     if structure.name == "separate":
         raise NotIdentifiableError(
