@@ -92,7 +92,7 @@ def test_effects_are_absent_at_zero_and_lie_in_their_families(model):
         assert np.allclose(model.lack(zero, (effect,)), before, atol=1e-9), name
         small = 1e-3 * np.array([p.typical for p in effect.parameters])
         change = model.whiten(model.lack(np.append(model.x, small), (effect,)) - before)
-        assert bool(families) == effect.told, name
+        assert bool(families) == effect.identifiable, name
         if families and not effect.sudden:
             columns = families[0].columns
             left = change - columns @ np.linalg.lstsq(columns, change, rcond=None)[0]
