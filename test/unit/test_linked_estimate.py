@@ -14,6 +14,7 @@ from tactile_dynamics_ros.core.planar.linked.outlines import (
 )
 from tactile_dynamics_ros.core.planar.linked.rows import PairPatch
 from tactile_dynamics_ros.core.planar.properties.estimate import estimate
+from tactile_dynamics_ros.core.planar.properties.latent_model import ELSEWHERE, Sharpness
 from tactile_dynamics_ros.core.planar.properties.linked_estimate import (
     _of_jointed,
     _trusted,
@@ -27,7 +28,6 @@ from tactile_dynamics_ros.core.planar.properties.linked_fit import (
 from tactile_dynamics_ros.core.planar.properties.linked_jointed import JointedModel
 from tactile_dynamics_ros.core.planar.properties.linked_pair import Pair
 from tactile_dynamics_ros.core.planar.properties.linked_rigid import RigidModel
-from tactile_dynamics_ros.core.planar.properties.push_model import ELSEWHERE, Sharpness
 from tactile_dynamics_ros.synthetic import pushed
 from tactile_dynamics_ros.synthetic.pushed.actions import ActionOptions
 

@@ -15,14 +15,10 @@ from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.properties import fit as fitting
 from tactile_dynamics_ros.core.planar.properties.balance import NAMES
 from tactile_dynamics_ros.core.planar.properties.estimate import estimate
-from tactile_dynamics_ros.core.planar.properties.intervals import cut_intervals
+from tactile_dynamics_ros.core.planar.properties.intervals import cut_intervals, smoothed
+from tactile_dynamics_ros.core.planar.properties.latent_model import USUAL_FRICTION, Sharpness
 from tactile_dynamics_ros.core.planar.properties.optimum import VARIATIONS, Optimum
-from tactile_dynamics_ros.core.planar.properties.push_model import (
-    USUAL_FRICTION,
-    USUAL_UNEVENNESS,
-    PushModel,
-    Sharpness,
-)
+from tactile_dynamics_ros.core.planar.properties.push_model import USUAL_UNEVENNESS, PushModel
 from tactile_dynamics_ros.recording.pushed import PushedRecording
 from tactile_dynamics_ros.synthetic import pushed
 from tactile_dynamics_ros.synthetic.pushed.actions import ActionOptions
@@ -43,7 +39,8 @@ def model(quick):
     """Residuals of these pushes, with the first guess of the motion."""
     cut = cut_intervals(quick.streams)
     patch = SupportPatch(np.asarray(quick.streams.links[0].footprint))
-    nodes, spread = fitting.first_motion(cut)
+    curve, spread = smoothed(cut, cut.poses[0])
+    nodes = np.column_stack([curve, np.zeros_like(curve)])
     return fitting._prepared(quick.streams, cut, patch, nodes, spread), nodes
 
 
@@ -121,7 +118,7 @@ def test_numbers_move_with_residuals_as_a_fit_of_changed_residuals_does(model):
     def factored(lack):
         equations = NormalEquations(len(nodes), 6, len(common))
         equations.add(residuals.middle, lack, by_nodes, by_common)
-        residuals._add_seen(equations, nodes, common, sharp)
+        residuals.add_seen(equations, nodes, common, sharp)
         return equations.factor(loose, np.zeros(len(common)))
 
     factor = factored(lack)
@@ -213,7 +210,7 @@ def test_where_a_face_carries_moves_a_fit_as_its_interval_says(quick, monkeypatc
 
     def moved(other, shift=(0.0, 0.0)):
         begin = start - np.pad(shift, (2, len(start) - 4))
-        trial = replace(fit, model=replace(model, patch=other))
+        trial = replace(fit, model=replace(model, data=replace(model.data, patches=(other,))))
         there = fitting.refit(trial, (), begin, fit.variation).common[places]
         return there + [0.0, *shift] - back
 

@@ -48,8 +48,9 @@ from tactile_dynamics_ros.core.planar.effects.gated import can_be_gated
 from tactile_dynamics_ros.core.planar.effects.regional import plain_name
 from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
 from tactile_dynamics_ros.core.planar.misreading import check_reading
+from tactile_dynamics_ros.core.planar.properties.latent_model import USUAL_FRICTION
 from tactile_dynamics_ros.core.planar.properties.linked_fit import PairFit
-from tactile_dynamics_ros.core.planar.properties.push_model import USUAL_FRICTION, PushFit
+from tactile_dynamics_ros.core.planar.properties.push_model import PushFit
 from tactile_dynamics_ros.core.planar.streams import PushedStreams
 
 _LARGEST_GUESS = 1.5

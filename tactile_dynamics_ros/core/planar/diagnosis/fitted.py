@@ -16,7 +16,7 @@ from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
 from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
 from tactile_dynamics_ros.core.planar.effects.situation import PlanarMotion
 from tactile_dynamics_ros.core.planar.properties.intervals import Intervals
-from tactile_dynamics_ros.core.planar.properties.push_model import USUAL_FRICTION, Sharpness
+from tactile_dynamics_ros.core.planar.properties.latent_model import USUAL_FRICTION, Sharpness
 from tactile_dynamics_ros.core.planar.streams import PushedStreams
 
 Index = NDArray[np.intp]

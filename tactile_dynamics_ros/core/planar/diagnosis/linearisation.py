@@ -15,7 +15,7 @@ from tactile_dynamics_ros.core.planar.diagnosis.innovations import Innovations
 from tactile_dynamics_ros.core.planar.diagnosis.rows import PushRows
 from tactile_dynamics_ros.core.planar.diagnosis.variation import Table, field_rows
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
-from tactile_dynamics_ros.core.planar.properties.push_model import Sharpness
+from tactile_dynamics_ros.core.planar.properties.latent_model import Sharpness
 
 
 @dataclass(frozen=True, eq=False)

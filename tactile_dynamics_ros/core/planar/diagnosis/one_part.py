@@ -22,7 +22,6 @@ from tactile_dynamics_ros.core.planar.properties.balance import (
     NAMES,
     Balance,
     Friction,
-    Kinematics,
 )
 from tactile_dynamics_ros.core.planar.properties.fit import (
     final_sharpness,
@@ -31,7 +30,8 @@ from tactile_dynamics_ros.core.planar.properties.fit import (
     with_expected_force,
 )
 from tactile_dynamics_ros.core.planar.properties.intervals import Intervals
-from tactile_dynamics_ros.core.planar.properties.push_model import PushFit, Sharpness
+from tactile_dynamics_ros.core.planar.properties.latent_model import Motion, Sharpness
+from tactile_dynamics_ros.core.planar.properties.push_model import PushFit
 from tactile_dynamics_ros.core.planar.streams import PushedStreams
 
 Index = NDArray[np.intp]
@@ -112,10 +112,9 @@ class OnePart(FittedPushes):
         return rows_of_one(self.fit.model, self.fit.nodes, self.fit.common, sharp)
 
     @cached_property
-    def kinematics(self) -> Kinematics:
+    def kinematics(self) -> Motion:
         """Motion of the intervals that count."""
-        model = self.fit.model
-        return Kinematics.of_nodes(self.fit.nodes, model.middle, model.intervals.step)
+        return self.fit.model.motion_of(self.fit.nodes)
 
     def friction(self, sharp: Sharpness) -> Friction:
         """Friction to first order around the motion."""
@@ -185,9 +184,11 @@ class OnePart(FittedPushes):
             effects: tuple[PushEffect, ...],
         ) -> Array:
             none = np.zeros_like(pose)
-            motion = Kinematics(pose, velocity, none, none)
+            motion = Motion(pose, velocity, none, none)
             at = np.arange(len(pose))
-            balance = Balance(cut, at, model.patch, model.gravity, model.balance.middle, effects)
+            balance = Balance(
+                cut, at, model.patch, model.data.gravity, model.balance.middle, effects
+            )
             return balance.lack(motion, common, balance.linear_friction(motion, common, SLIP))
 
         size = float(np.sqrt(model.plate))

@@ -8,14 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.array import Array
-from tactile_dynamics_ros.core.planar.properties.balance import NAMES
 from tactile_dynamics_ros.core.planar.properties.intervals import Intervals
+from tactile_dynamics_ros.core.planar.properties.latent_model import LatentModel, Sharpness
 from tactile_dynamics_ros.core.planar.properties.linked_model import PairModel
-from tactile_dynamics_ros.core.planar.properties.push_model import (
-    PushModel,
-    Sharpness,
-    see_poses,
-)
+from tactile_dynamics_ros.core.planar.properties.push_model import PushModel, see_poses
 
 Index = NDArray[np.intp]
 
@@ -79,23 +75,22 @@ class PoseRows:
 
 def rows_of_one(model: PushModel, nodes: Array, common: Array, sharp: Sharpness) -> PushRows:
     """Rows of one part at a motion and common numbers."""
-    delaying = [NAMES.index("delay"), *model.delayers]
-    seen = see_poses(model.intervals, nodes, float(np.sum(common[delaying])))
-    poses, count = model.intervals.poses[0], len(seen.index)
+    seen = see_poses(model.intervals, nodes, float(np.sum(common[model.delayers])))
+    poses, count = model.intervals.poses[0], len(seen.residual)
     by_nodes, by_common = np.zeros((count, 3, 3, 3)), np.zeros((count, 3, len(common)))
     for axis in range(3):
-        by_nodes[:, axis, :, axis] = seen.weights / poses.std[axis]
-    by_common[:, :, delaying] = seen.slope[..., None]
+        by_nodes[:, axis, :, axis] = seen.at.weights / poses.std[axis]
+    by_common[:, :, model.delayers] = seen.slope[..., None]
     rows = PoseRows(
         residual=seen.residual,
         by_nodes=by_nodes,
         by_common=by_common,
-        middle=seen.middle,
-        time=poses.time[seen.index],
+        middle=seen.at.middle,
+        time=poses.time[seen.at.inside],
         std=np.tile(poses.std, (count, 1)),
         part=np.zeros(count, dtype=np.intp),
     )
-    return _rows(model, nodes, (common, model.mask, model.spread, poses.std), sharp, rows)
+    return _rows(model, nodes, common, sharp, rows)
 
 
 def rows_of_two(model: PairModel, nodes: Array, common: Array, sharp: Sharpness) -> PushRows:
@@ -114,25 +109,15 @@ def rows_of_two(model: PairModel, nodes: Array, common: Array, sharp: Sharpness)
                 part=np.full(len(seen.residual), part, dtype=np.intp),
             )
         )
-    given = (common, model.data.mask, model.data.spread, model.node_scale[: model.freedoms])
-    return _rows(model, nodes, given, sharp, PoseRows.joined(parts))
+    return _rows(model, nodes, common, sharp, PoseRows.joined(parts))
 
 
 def _rows(
-    model: PushModel | PairModel,
-    nodes: Array,
-    given: tuple[Array, NDArray[np.bool_], Array, Array],
-    sharp: Sharpness,
-    poses: PoseRows,
+    model: LatentModel, nodes: Array, common: Array, sharp: Sharpness, poses: PoseRows
 ) -> PushRows:
-    """Add motion and local friction to poses.
-
-    `given` are the numbers (p,), the mask (N,), the spread (N, D) of accelerations elsewhere, and
-    the noise (D,) of the coordinates.
-    """
-    common, mask, spread, unsure = given
-    cut, size = model.intervals, len(unsure)
-    motion, by_nodes = _smooth(cut, nodes, ~mask & cut.inner, spread, size)
+    """Add motion and local friction to poses."""
+    cut, size, mask = model.intervals, model.freedoms, model.data.mask
+    motion, by_nodes = _smooth(cut, nodes, ~mask & cut.inner, model.data.spread, size)
     by_common = np.zeros((len(nodes), size, len(common)))
     at = model.middle
     motion[at], by_nodes[at], by_common[at] = model.dynamics(nodes, common, sharp)
@@ -148,7 +133,7 @@ def _rows(
         keep=keep,
         local=local,
         local_std=std,
-        unsure=unsure,
+        unsure=model.node_scale[:size],
         first_node=cut.first_node,
         judged=mask & cut.inner,
         variation=sharp.variation,

@@ -26,6 +26,7 @@ from tactile_dynamics_ros.core.planar.linked.description import remedies
 from tactile_dynamics_ros.core.planar.linked.pushes import KnownPair, PairPushes
 from tactile_dynamics_ros.core.planar.linked.rows import PairFriction
 from tactile_dynamics_ros.core.planar.properties.intervals import Intervals
+from tactile_dynamics_ros.core.planar.properties.latent_model import Motion, Sharpness
 from tactile_dynamics_ros.core.planar.properties.linked_estimate import TURNED
 from tactile_dynamics_ros.core.planar.properties.linked_fit import (
     PairFit,
@@ -36,9 +37,8 @@ from tactile_dynamics_ros.core.planar.properties.linked_fit import (
     with_expected_force,
 )
 from tactile_dynamics_ros.core.planar.properties.linked_model import PairModel
-from tactile_dynamics_ros.core.planar.properties.linked_pair import Motion, Pair, PairData
+from tactile_dynamics_ros.core.planar.properties.linked_pair import Pair, PairData
 from tactile_dynamics_ros.core.planar.properties.linked_rigid import RigidModel
-from tactile_dynamics_ros.core.planar.properties.push_model import Sharpness
 from tactile_dynamics_ros.core.planar.streams import PushedStreams
 
 Index = NDArray[np.intp]
@@ -114,8 +114,7 @@ class TwoParts(FittedPushes):
     @cached_property
     def kinematics(self) -> Motion:
         """Motion of the intervals that count."""
-        model = self.fit.model
-        return Motion.of_nodes(self.fit.nodes, model.middle, model.intervals.step, model.freedoms)
+        return self.fit.model.motion_of(self.fit.nodes)
 
     def friction(self, sharp: Sharpness) -> PairFriction:
         """Friction to first order around the motion."""

@@ -21,7 +21,7 @@ from tactile_dynamics_ros.core.planar.effects.regional import (
     is_regional,
     plain_name,
 )
-from tactile_dynamics_ros.core.planar.properties.push_model import Sharpness
+from tactile_dynamics_ros.core.planar.properties.latent_model import Sharpness
 
 Rows = tuple[Array, Array]
 """Changes of rows (N, D, c) of the motion and (P, 3, c) of poses."""

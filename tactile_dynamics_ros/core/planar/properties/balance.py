@@ -16,6 +16,7 @@ from tactile_dynamics_ros.core.planar.effects.situation import PlanarMotion, Sit
 from tactile_dynamics_ros.core.planar.mechanics.linkage import applied, cross, turned
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch, tipping_shift
 from tactile_dynamics_ros.core.planar.properties.intervals import Intervals
+from tactile_dynamics_ros.core.planar.properties.latent_model import Motion
 
 NAMES = (
     "ln_product", "ln_mass", "com_x", "com_y", "ln_inertia", "push_height", "com_height",
@@ -33,33 +34,6 @@ _OF_CELL = 0.28
 """Distance from a point over that of neighbours, whose speed softens its friction: half the radius
 of a disc of its area, which is exact to second order far from the centre of rotation. At 0 single
 intervals in which an object turns about a point stop whole fits."""
-
-
-@dataclass(frozen=True)
-class Kinematics:
-    """Pose, velocity, acceleration (N, 3) of the link's frame, and how friction differs (N, 3)."""
-
-    pose: Array
-    velocity: Array
-    acceleration: Array
-    local: Array
-
-    @classmethod
-    def of_nodes(cls, nodes: Array, middle: NDArray[np.intp], step: float) -> Kinematics:
-        """At the middle of intervals, from nodes (N, 6) of control points and friction."""
-        before, here, after = (nodes[middle + k, :3] for k in (-1, 0, 1))
-        return cls(
-            (before + 6.0 * here + after) / 8.0,
-            (after - before) / (2.0 * step),
-            (before - 2.0 * here + after) / step**2,
-            nodes[middle, 3:],
-        )
-
-    def moved(self, steps: Array) -> Kinematics:
-        """(12 N): all intervals with the first of the twelve values moved by a step, and so on."""
-        parts = (self.pose, self.velocity, self.acceleration, self.local)
-        values = np.concatenate(parts, axis=1) + np.diag(steps)[:, None, :]
-        return Kinematics(*np.split(values.reshape(-1, len(steps)), 4, axis=1))
 
 
 Friction = Callable[[Array, Array, float], Array]
@@ -140,7 +114,7 @@ class Balance:
     middle: Array
     effects: tuple[PushEffect, ...] = ()
 
-    def lack(self, kinematics: Kinematics, common: Array, friction: Friction) -> Array:
+    def lack(self, kinematics: Motion, common: Array, friction: Friction) -> Array:
         """(R, 3) force, N, and torque about the contact, N m, that are lacking."""
         state = self._state(kinematics, common)
         numbers, mass = state.numbers, state.situation.mass
@@ -165,7 +139,7 @@ class Balance:
         turning = inertia * kinematics.acceleration[:, 2] + cross(state.arm, pull)
         return np.column_stack([force, turning - torque - self.intervals.torque[self.at]])
 
-    def feet(self, kinematics: Kinematics) -> Array:
+    def feet(self, kinematics: Motion) -> Array:
         """Places (R, n, 2) of the points that carry, m, axes of the support."""
         offset = self.patch.centroid + self.patch.offset
         yaw = np.repeat(kinematics.pose[:, 2], len(offset))
@@ -173,7 +147,7 @@ class Balance:
         return np.asarray(kinematics.pose[:, None, :2] + arms.reshape(-1, len(offset), 2))
 
     def lack_by_shares(
-        self, kinematics: Kinematics, common: Array, slip: float, shares: Iterable[Array]
+        self, kinematics: Motion, common: Array, slip: float, shares: Iterable[Array]
     ) -> Array:
         """Change (R, 3, K) of `lack` by relative changes of friction (R, n) under the points."""
         state = self._state(kinematics, common)
@@ -190,7 +164,7 @@ class Balance:
         return np.stack(changes, axis=2)
 
     def lack_by_face(
-        self, kinematics: Kinematics, common: Array, slip: float, uneven: float, aside: float
+        self, kinematics: Motion, common: Array, slip: float, uneven: float, aside: float
     ) -> Array:
         """Changes (R, 3, n + 2) of `lack` by a face that carries elsewhere within its outline.
 
@@ -230,7 +204,7 @@ class Balance:
         matrix = self.patch.resistance(load, scale, twist, np.hypot(slip, within))
         return -applied(matrix, twist)
 
-    def linear_friction(self, kinematics: Kinematics, common: Array, slip: float) -> LinearFriction:
+    def linear_friction(self, kinematics: Motion, common: Array, slip: float) -> LinearFriction:
         """Friction to first order around the present motion.
 
         The wrench is linear in the load, which is linear in the centre over the scale while the
@@ -273,7 +247,7 @@ class Balance:
         )
         return self._acting(common).changed(situation)
 
-    def motion(self, kinematics: Kinematics) -> PlanarMotion:
+    def motion(self, kinematics: Motion) -> PlanarMotion:
         """Motion of the footprint's centroid."""
         yaw, rate = kinematics.pose[:, 2], kinematics.velocity[:, 2]
         offset = turned(np.broadcast_to(self.patch.centroid, (len(yaw), 2)), yaw)
@@ -288,7 +262,7 @@ class Balance:
             middle=self.middle,
         )
 
-    def _state(self, kinematics: Kinematics, common: Array) -> _State:
+    def _state(self, kinematics: Motion, common: Array) -> _State:
         numbers = self.numbers(common)
         situation = self._situation(common, numbers)
         yaw, rate = kinematics.pose[:, 2], kinematics.velocity[:, 2:]
@@ -309,7 +283,7 @@ class Balance:
 
     def _centre(
         self,
-        kinematics: Kinematics,
+        kinematics: Motion,
         situation: Situation,
         numbers: Array,
         acceleration: Array,
@@ -328,7 +302,7 @@ class Balance:
         return np.asarray(moved + kinematics.local[:, 1:] * np.sqrt(self.patch.gyration))
 
 
-def _foot_speed(patch: SupportPatch, kinematics: Kinematics) -> Array:
+def _foot_speed(patch: SupportPatch, kinematics: Motion) -> Array:
     """Root mean square speed (N,) of the footprint, m/s."""
     yaw, rate = kinematics.pose[:, 2], kinematics.velocity[:, 2]
     x, y = patch.centroid
@@ -341,7 +315,7 @@ def foot_speeds(cut: Intervals, patch: SupportPatch, nodes: Array) -> Array:
     """Root mean square speed (N,) of the footprint at nodes (N, b), m/s; 0 at ends of segments."""
     speed = np.zeros(len(cut))
     middle = np.flatnonzero(cut.inner)
-    speed[middle] = _foot_speed(patch, Kinematics.of_nodes(nodes, middle, cut.step))
+    speed[middle] = _foot_speed(patch, Motion.of_nodes(nodes, middle, cut.step, 3))
     return speed
 
 

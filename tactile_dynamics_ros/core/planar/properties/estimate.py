@@ -17,7 +17,8 @@ from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.misreading import check_reading
 from tactile_dynamics_ros.core.planar.properties.balance import NAMES
 from tactile_dynamics_ros.core.planar.properties.intervals import COARSE
-from tactile_dynamics_ros.core.planar.properties.push_model import ASTRAY, USUAL_FRICTION
+from tactile_dynamics_ros.core.planar.properties.latent_model import USUAL_FRICTION
+from tactile_dynamics_ros.core.planar.properties.push_model import ASTRAY
 from tactile_dynamics_ros.core.planar.sparse import fit_sparse
 from tactile_dynamics_ros.core.planar.sparse.fit import SIZE_STD, fit_pushes
 from tactile_dynamics_ros.core.planar.sparse.prediction import NAMES as SPARSE_NAMES
@@ -298,7 +299,7 @@ def _of_dense(fit: PushFit, streams: PushedStreams, patch: SupportPatch) -> Push
         (fit.common[at], fit.std(at)),
     )
     return PushedEstimate(
-        samples=int(fit.model.mask.sum()),
+        samples=int(fit.model.data.mask.sum()),
         duration=_duration(streams),
         values=values,
         undetermined=_undetermined(values, patch.gyration),

@@ -4,62 +4,47 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
 from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
-from tactile_dynamics_ros.core.numerics.bordered import (
-    Factor,
-    NormalEquations,
-    Solution,
-    minimise,
-)
+from tactile_dynamics_ros.core.numerics.bordered import Solution
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
 from tactile_dynamics_ros.core.planar.known import KnownPushed
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.properties.balance import (
     NAMES,
-    Kinematics,
-    around,
     foot_speeds,
     sliding,
 )
-from tactile_dynamics_ros.core.planar.properties.intervals import COARSE, Intervals, cut_intervals
+from tactile_dynamics_ros.core.planar.properties.intervals import (
+    COARSE,
+    Intervals,
+    cut_intervals,
+    smoothed,
+)
+from tactile_dynamics_ros.core.planar.properties.latent_model import (
+    FRICTION_SPREAD,
+    USUAL_FRICTION,
+    PushData,
+    Sharpness,
+)
 from tactile_dynamics_ros.core.planar.properties.optimum import (
-    AROUND,
     FIRST_VARIATION,
-    FREE,
     HOPELESS,
     LEAST_INTERVALS,
     SINGULAR,
     STAGES,
-    TOLERANCE,
     VARIATIONS,
     Optimum,
+    allowed,
     average,
+    heights,
 )
-from tactile_dynamics_ros.core.planar.properties.push_model import (
-    FRICTION_SPREAD,
-    USUAL_FRICTION,
-    PushFit,
-    PushModel,
-    Sharpness,
-    add_poses,
-    add_smoothness,
-)
+from tactile_dynamics_ros.core.planar.properties.push_model import PushFit, PushModel
 from tactile_dynamics_ros.core.planar.streams import PushedStreams
 
-_STEADY = (0.05, 0.05, 1.0)
-"""Accelerations that the first guess of the motion takes for steady, m/s^2 and rad/s^2: a fifth of
-what an arm needs to reach 30 mm/s in 0.1 s. Larger ones leave noise in the velocities, of which
-friction then has the wrong direction."""
-_MOTION_ROUNDS = 8
-"""Rounds of reweighting of the first guess; after six the velocities change by less than 1 %."""
-_LEAST_SPREAD = (0.5, 0.5, 10.0)
-"""Accelerations allowed where nothing is modelled and nothing touches, m/s^2 and rad/s^2: what
-turns out during a slide to a stop. A tenth holds the object back while it still slides."""
 _START = 0.3
 """Friction coefficient at which the fit begins; from 0.15 and 0.8 the stages lead to the same
 place."""
@@ -85,9 +70,6 @@ usual, as it may have stopped short: of two that were, with masses 2 and 4 std o
 std off. Where the data say so both come to the same place; 1 would double the time of most fits."""
 _SAME = 0.5
 """Change of the common numbers, in std, up to which two optima are one."""
-_LOOSE = 1e-6
-"""Information on every node beside the data, in units of one pose: the delay may leave the
-outermost node of a segment without any. A millionth changes no interval."""
 _WITHOUT = ((1, 8), (2, 8), (3, 60))
 """Stages and iterations of a fit from which effects are taken out: straight at the last it needs
 90; on one of seven recordings 30 in the last left the error a tenth too large."""
@@ -128,7 +110,8 @@ def fit_push(
             raise BadInputError(f"{effect.name}: for two parts on a joint, here is one")
     cut = cut_intervals(streams)
     patch = SupportPatch(np.asarray(streams.links[0].footprint, dtype=float))
-    nodes, spread = first_motion(cut)
+    curve, spread = smoothed(cut, cut.poses[0])
+    nodes = np.column_stack([curve, np.zeros_like(curve)])
     model = _prepared(streams, cut, patch, nodes, spread)
     late = [e for e in effects if e.lasting or (e.sudden and known is None)]
     model = replace(model, effects=tuple(e for e in effects if e not in late))
@@ -179,7 +162,7 @@ def _other(model: PushModel, found: Sequence[Optimum]) -> list[Optimum]:
     usual = common.copy()
     usual[1], usual[rest] = common[0] - np.log(USUAL_FRICTION), mean[rest]
     sharp = final_sharpness(model, best.solution.nodes, best.variation)
-    start = _minimised(model, best.solution.nodes, usual, sharp, _REFIT)
+    start = model.minimised(best.solution.nodes, usual, sharp, _REFIT)
     other = _optimum(model, start, best.variation)
     moved = np.abs(other.solution.common - common) / np.sqrt(np.diag(best.covariance))
     return [other] if moved.max() > _SAME else []
@@ -195,46 +178,10 @@ def _hope(model: PushModel, start: tuple[Array, Array], variation: float) -> flo
     """
     sharp = final_sharpness(model, start[0], variation)
     equations = model.linearise(*start, sharp)
-    factor = _factor(model, equations)
+    factor = model.factor(equations)
     nodes, common = factor.step()
     fall = -float(np.sum(nodes * equations.gradient) + common @ equations.common_gradient)
-    return _evidence(model, sharp, equations.cost - fall, factor)
-
-
-def _factor(model: PushModel, equations: NormalEquations) -> Factor:
-    loose = _LOOSE / np.square(_scales(model)[0])
-    shape = (equations.nodes, equations.size)
-    return equations.factor(np.broadcast_to(loose, shape), np.zeros(equations.common))
-
-
-def _evidence(model: PushModel, sharp: Sharpness, cost: float, factor: Factor) -> float:
-    """Log probability of the data, integrated over motion and numbers, up to a constant."""
-    _, std = model.memory(sharp)
-    volume = 3.0 * (float(np.sum(np.log(std))) + np.log(sharp.variation))
-    return float(-0.5 * (cost + factor.log_determinant) - volume)
-
-
-def first_motion(cut: Intervals) -> tuple[Array, Array]:
-    """Return nodes of a motion through the poses whose velocity changes little but for moments.
-
-    Also returns the spread (N, 3) of its accelerations, m/s^2 and rad/s^2.
-    """
-    poses = cut.poses[0]
-    nodes = np.zeros((len(cut), 6))
-    for axis in range(3):
-        nodes[:, axis] = np.interp(cut.time, poses.time, poses.value[:, axis])
-    middle = np.flatnonzero(cut.inner)
-    spread = np.tile(_STEADY, (len(cut), 1)) * 10.0
-    loose = np.broadcast_to(np.repeat([1e-3, 1.0], 3), nodes.shape)
-    for _ in range(_MOTION_ROUNDS):
-        equations = NormalEquations(len(nodes), 6, len(NAMES))
-        add_poses(equations, cut, nodes, np.zeros(len(NAMES)))
-        add_smoothness(equations, nodes, middle, spread[middle] * cut.step**2)
-        step, _ = equations.factor(loose, np.ones(len(NAMES))).step()
-        nodes = nodes + step
-        curve = nodes[middle - 1, :3] - 2.0 * nodes[middle, :3] + nodes[middle + 1, :3]
-        spread[middle] = np.sqrt(0.5 * (np.square(curve / cut.step**2) + np.square(_STEADY)))
-    return nodes, spread
+    return model.evidence(sharp, equations.cost - fall, factor)
 
 
 def _prepared(
@@ -246,33 +193,26 @@ def _prepared(
             f"the object slides in {int(mask.sum())} intervals of {cut.step:g} s only, expected "
             f"{LEAST_INTERVALS} at least; push it further"
         )
-    height = float(np.median(cut.point[cut.touching, 2]))
-    known = streams.com_height is not None and streams.com_height_std is not None
-    com_height = streams.com_height[0] if streams.com_height is not None else height
-    std = streams.com_height_std[0] if known and streams.com_height_std else 0.3 * height + 1e-3
-    plate = float(np.sqrt(patch.gyration))
+    height, std = heights(streams, cut)
+    size = float(np.sqrt(patch.gyration))
     moved = np.linalg.norm(np.diff(nodes[:, :2], axis=0), axis=1)
-    free = np.array([FREE, FREE, FREE / plate])
-    near = around(cut.touching, AROUND)[:, None]
     return PushModel(
-        intervals=cut,
-        patch=patch,
-        gravity=streams.gravity,
-        com_height=com_height,
-        com_height_std=std,
-        mask=mask,
-        travelled=moved + plate * np.abs(np.diff(nodes[:, 2])),
-        spread=np.where(near, free, np.maximum(3.0 * spread, _LEAST_SPREAD)),
+        PushData(
+            intervals=cut,
+            patches=(patch,),
+            gravity=streams.gravity,
+            com_height=height,
+            com_height_std=std,
+            mask=mask,
+            travelled=moved + size * np.abs(np.diff(nodes[:, 2])),
+            spread=allowed(cut, spread, size),
+        )
     )
-
-
-def _scales(model: PushModel) -> tuple[Array, Array]:
-    return np.append(model.intervals.poses[0].std, [0.01, 0.01, 0.01]), model.prior[1]
 
 
 def _sharpness(model: PushModel, nodes: Array, stage: int, variation: float) -> Sharpness:
     speed = foot_speeds(model.intervals, model.patch, nodes)
-    share = min(1.0, float(np.median(speed[model.mask])) / 0.05)
+    share = min(1.0, float(np.median(speed[model.data.mask])) / 0.05)
     slip, floor = STAGES[stage]
     return Sharpness(slip * share, floor, variation)
 
@@ -299,20 +239,21 @@ def _staged(
 ) -> tuple[PushModel, Solution]:
     """Fit through all stages of a plan; the model has the mask of the last one."""
     common = model.prior[0].copy()
-    common[0] = np.log(model.typical_force / -model.gravity[2])
+    common[0] = np.log(model.typical_force / -model.data.gravity[2])
     common[1] = common[0] - np.log(_START)
     if model.known is not None:
         common[:4] = model.known[0]
-    start, found, first = nodes, None, model.mask
+    start, found, first = nodes, None, model.data.mask
 
     def judged(nodes: Array) -> PushModel:
-        return replace(model, mask=first & sliding(model.intervals, model.patch, nodes))
+        mask = first & sliding(model.intervals, model.patch, nodes)
+        return replace(model, data=replace(model.data, mask=mask))
 
     for stage, most in enumerate(iterations):
         if stage in masked:
             model = judged(nodes)
         sharp = _sharpness(model, start, stage, FIRST_VARIATION)
-        found = _minimised(model, nodes, common, sharp, most)
+        found = model.minimised(nodes, common, sharp, most)
         nodes, common = found.nodes, found.common
     assert found is not None
     return judged(nodes) if len(iterations) in masked else model, found
@@ -326,12 +267,13 @@ def final_sharpness(model: PushModel, nodes: Array, variation: float) -> Sharpne
 def with_expected_force(fit: PushFit) -> PushFit:
     """The fit with what it expects of the forces, which differs from them by their noise."""
     model, cut = fit.model, fit.model.intervals
-    kinematics = Kinematics.of_nodes(fit.nodes, model.middle, cut.step)
+    kinematics = model.motion_of(fit.nodes)
     slip = final_sharpness(model, fit.nodes, fit.variation).slip
     friction = model.balance.linear_friction(kinematics, fit.common, slip)
     expected = cut.force.copy()
     expected[model.middle, :2] += model.balance.lack(kinematics, fit.common, friction)[:, :2]
-    return replace(fit, model=replace(model, intervals=replace(cut, expected=expected)))
+    data = replace(model.data, intervals=replace(cut, expected=expected))
+    return replace(fit, model=replace(model, data=data))
 
 
 def refit(
@@ -351,7 +293,7 @@ def refit(
     model = replace(fit.model, effects=effects)
     sharp = final_sharpness(model, fit.nodes, variation)
     try:
-        start = _minimised(model, fit.nodes, common, sharp, _REFIT)
+        start = model.minimised(fit.nodes, common, sharp, _REFIT)
         return _averaged(model, [_optimum(model, start, variation)])
     except np.linalg.LinAlgError as error:
         raise NotIdentifiableError(SINGULAR) from error
@@ -366,22 +308,9 @@ def error_without_effects(fit: PushFit) -> float:
     nodes, common = fit.nodes, fit.common[: len(NAMES)]
     for stage, most in _WITHOUT:
         sharp = _sharpness(model, nodes, stage, fit.variation)
-        found = _minimised(model, nodes, common, sharp, most)
+        found = model.minimised(nodes, common, sharp, most)
         nodes, common = found.nodes, found.common
     return found.misfit
-
-
-def _minimised(
-    model: PushModel,
-    nodes: Array,
-    common: Array,
-    sharp: Sharpness,
-    iterations: int,
-    slope: Array | None = None,
-) -> Solution:
-    linearise = partial(model.linearise, sharp=sharp, slope=slope)
-    cost = partial(model.cost, sharp=sharp, slope=slope)
-    return minimise(linearise, nodes, common, *_scales(model), iterations, TOLERANCE, cost)
 
 
 def _optimum(model: PushModel, start: Solution, variation: float) -> Optimum:
@@ -390,10 +319,10 @@ def _optimum(model: PushModel, start: Solution, variation: float) -> Optimum:
     found, slope = start, np.zeros(len(start.common))
     for _ in range(_VOLUME_ROUNDS):
         slope = model.volume_slope(found.nodes, found.common, sharp)
-        found = _minimised(model, found.nodes, found.common, sharp, _REFIT, slope)
-    factor = _factor(model, found.equations)
+        found = model.minimised(found.nodes, found.common, sharp, _REFIT, slope)
+    factor = model.factor(found.equations)
     cost = found.equations.cost + 2.0 * float(slope @ found.common)
-    evidence = _evidence(model, sharp, cost, factor)
+    evidence = model.evidence(sharp, cost, factor)
     evidence += model.log_jacobian(found.nodes, found.common, sharp)
     return Optimum.of(found, factor, evidence, variation)
 
@@ -431,10 +360,10 @@ def _by_face(model: PushModel, found: Optimum) -> Array:
     """Covariance (p, p) that stems from where within its outline the face carries."""
     nodes, common = found.solution.nodes, found.solution.common
     sharp = final_sharpness(model, nodes, found.variation)
-    kinematics = Kinematics.of_nodes(nodes, model.middle, model.intervals.step)
+    kinematics = model.motion_of(nodes)
     lack = model.balance.lack_by_face(kinematics, common, sharp.slip, _UNEVEN, _ASIDE)
     rows = lack / model.noise(sharp.floor)[:, :, None]
     _, by_nodes, by_common = model.dynamics(nodes, common, sharp)
-    factor = _factor(model, found.solution.equations)
+    factor = model.factor(found.solution.equations)
     moved = factor.moved_by(model.middle, rows, by_nodes, by_common)
     return np.asarray(moved @ moved.T)

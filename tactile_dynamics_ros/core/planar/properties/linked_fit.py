@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,46 +11,40 @@ from numpy.typing import NDArray
 
 from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
-from tactile_dynamics_ros.core.numerics.bordered import Solution, minimise
+from tactile_dynamics_ros.core.numerics.bordered import Solution
 from tactile_dynamics_ros.core.planar.effects.acting import described
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
 from tactile_dynamics_ros.core.planar.effects.part import instances
 from tactile_dynamics_ros.core.planar.linked.rows import PairPatch
 from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
+from tactile_dynamics_ros.core.planar.properties.balance import sliding
+from tactile_dynamics_ros.core.planar.properties.latent_model import ELSEWHERE, Sharpness
 from tactile_dynamics_ros.core.planar.properties.linked_jointed import JointedModel
 from tactile_dynamics_ros.core.planar.properties.linked_model import PairModel
-from tactile_dynamics_ros.core.planar.properties.linked_pair import Motion, Pair, PairData
+from tactile_dynamics_ros.core.planar.properties.linked_pair import Pair, PairData
 from tactile_dynamics_ros.core.planar.properties.linked_rigid import RigidModel
 from tactile_dynamics_ros.core.planar.properties.optimum import (
-    AROUND,
     FIRST_VARIATION,
-    FREE,
     HOPELESS,
     LEAST_INTERVALS,
     SINGULAR,
     STAGES,
-    TOLERANCE,
     VARIATIONS,
     Optimum,
+    allowed,
     average,
+    heights,
 )
-from tactile_dynamics_ros.core.planar.properties.push_model import ELSEWHERE, Sharpness
 
 Mask = NDArray[np.bool_]
 
 _REFIT = 60
 """Iterations of a refit with another variation or effect, at most: after 15 eight of nine jointed
 recordings made for tuning had 0.6 to 7 std still to go."""
-_SLIDING_SPEED, _SLIDING_SHARE = 0.02, 0.4
-"""Speed of both footprints from which they slide all over, m/s, or as share of the fast tenth if
-that is less. Slower intervals may stick in part."""
 _TURNING = 0.06
 """Relative rate from which a joint turns, rad/s: three times what noise makes of a held one."""
 _ITERATIONS = (8, 8, 8, 30)
 """Iterations of each stage, at most; of a single part the last has 40."""
-_LEAST_SPREAD = (0.5, 10.0)
-"""Accelerations allowed where nothing is modelled and nothing touches, m/s^2 and rad/s^2, as for
-one part."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,8 +145,7 @@ def _with_effects(model: PairModel, coordinates: Array, effects: Sequence[PushEf
 def _hope(model: PairModel, nodes: Array, common: Array, variation: float) -> float:
     """Fall of the cost that one Gauss-Newton step promises."""
     equations = model.linearise(nodes, common, final_sharpness(variation))
-    loose = np.broadcast_to(model.loosening, nodes.shape)
-    by_nodes, by_common = equations.factor(loose, np.zeros(len(common))).step()
+    by_nodes, by_common = model.factor(equations).step()
     fall = np.sum(by_nodes * equations.gradient) + by_common @ equations.common_gradient
     return -float(fall)
 
@@ -161,7 +153,7 @@ def _hope(model: PairModel, nodes: Array, common: Array, variation: float) -> fl
 def with_expected_force(fit: PairFit) -> PairFit:
     """The fit with what it expects of the forces, which differs from them by their noise."""
     model, cut = fit.model, fit.model.intervals
-    motion = Motion.of_nodes(fit.nodes, model.middle, cut.step, model.freedoms)
+    motion = model.motion_of(fit.nodes)
     slip = final_sharpness(fit.variation).slip
     friction = model.linear_friction(fit.common, motion, slip)
     expected = cut.force.copy()
@@ -186,7 +178,7 @@ def refit_pair(
     """
     model, sharp = replace(fit.model, effects=effects), final_sharpness(variation)
     try:
-        start = _minimised(model, fit.nodes, common, sharp, _REFIT)
+        start = model.minimised(fit.nodes, common, sharp, _REFIT)
         slope = model.volume_slope(start.nodes, start.common, sharp)
         return _averaged(model, [_optimum(model, start, variation, slope)])
     except np.linalg.LinAlgError as error:
@@ -200,63 +192,31 @@ def final_sharpness(variation: float) -> Sharpness:
 
 def _data(pair: Pair, spread: Array) -> PairData:
     cut, streams = pair.intervals, pair.streams
-    speeds = [_speeds(pair, k) for k in (0, 1)]
-    mask = _sliding(pair, speeds)
+    first, second = (sliding(cut, pair.patches[k], pair.nodes[k]) for k in (0, 1))
+    mask = first & second
     if int(mask.sum()) < LEAST_INTERVALS:
         raise NotIdentifiableError(
             f"both parts slide at the same time in {int(mask.sum())} intervals of {cut.step:g} s "
             f"only, expected {LEAST_INTERVALS} at least; push further"
         )
-    height = float(np.median(cut.point[cut.touching, 2]))
-    known, std = streams.com_height, streams.com_height_std
+    height, std = heights(streams, cut)
     moved = [np.linalg.norm(np.diff(n[:, :2], axis=0), axis=1) for n in pair.nodes]
     rate = pair.nodes[1][:, 2] - pair.nodes[0][:, 2]
     turning = np.zeros(len(cut), dtype=bool)
     turning[1:-1] = np.abs(rate[2:] - rate[:-2]) / (2.0 * cut.step) > _TURNING
-    near = _near(cut.touching, AROUND)[:, None]
     size = float(np.sqrt(np.mean([patch.gyration for patch in pair.patches])))
-    free = np.array([FREE, FREE] + [FREE / size] * (spread.shape[1] - 2))
-    least = np.array([_LEAST_SPREAD[0]] * 2 + [_LEAST_SPREAD[1]] * (spread.shape[1] - 2))
     return PairData(
         intervals=cut,
         patches=pair.patches,
         gravity=streams.gravity,
-        com_height=np.array(known if known is not None else [height, height]),
-        com_height_std=np.array(std if known and std else [0.3 * height + 1e-3] * 2),
+        com_height=height,
+        com_height_std=std,
         mask=mask,
-        spread=np.where(near, free, np.maximum(3.0 * spread, least)),
+        spread=allowed(cut, spread, size),
         travelled=0.5 * (moved[0] + moved[1]),
         touched=pair.touched,
         turning=turning,
     )
-
-
-def _speeds(pair: Pair, k: int) -> Array:
-    """Root mean square speed (N,) of a footprint, m/s."""
-    cut, nodes, patch = pair.intervals, pair.nodes[k], pair.patches[k]
-    speed = np.zeros(len(cut))
-    at = np.flatnonzero(cut.inner)
-    velocity = (nodes[at + 1] - nodes[at - 1]) / (2.0 * cut.step)
-    arm = turned(np.broadcast_to(patch.centroid, (len(at), 2)), nodes[at, 2])
-    linear = velocity[:, :2] + velocity[:, 2:] * np.stack([-arm[:, 1], arm[:, 0]], axis=1)
-    speed[at] = np.sqrt(np.sum(linear**2, axis=1) + patch.gyration * velocity[:, 2] ** 2)
-    return speed
-
-
-def _near(flags: Mask, distance: int) -> Mask:
-    rolled = [np.roll(flags, k) for k in range(-distance, distance + 1)]
-    return np.asarray(np.any(rolled, axis=0))
-
-
-def _sliding(pair: Pair, speeds: list[Array]) -> Mask:
-    """Intervals in which both parts slide all over, but for those next to a touch or a release."""
-    cut = pair.intervals
-    slides = cut.measured & cut.inner
-    for speed in speeds:
-        fast = float(np.percentile(speed[cut.touching], 90))
-        slides = slides & (speed > min(_SLIDING_SPEED, _SLIDING_SHARE * fast))
-    change = np.diff(cut.touching.astype(int), prepend=0) != 0
-    return np.asarray(slides & ~_near(change, 1))
 
 
 def _fitted(model: PairModel, coordinates: Array) -> PairFit:
@@ -265,7 +225,7 @@ def _fitted(model: PairModel, coordinates: Array) -> PairFit:
     found: Solution | None = None
     for stage, iterations in enumerate(_ITERATIONS):
         sharp = _sharpness(stage, FIRST_VARIATION)
-        found = _minimised(model, nodes, common, sharp, iterations)
+        found = model.minimised(nodes, common, sharp, iterations)
         nodes, common = found.nodes, found.common
     assert found is not None
     return _averaged(model, _refitted(model, found))
@@ -293,35 +253,18 @@ def _sharpness(stage: int, variation: float) -> Sharpness:
     return Sharpness(slip, floor, variation)
 
 
-def _minimised(
-    model: PairModel,
-    nodes: Array,
-    common: Array,
-    sharp: Sharpness,
-    iterations: int,
-    slope: Array | None = None,
-) -> Solution:
-    linearise = partial(model.linearise, sharp=sharp, slope=slope)
-    cost = partial(model.cost, sharp=sharp, slope=slope)
-    scales = model.node_scale, model.prior[1]
-    return minimise(linearise, nodes, common, *scales, iterations, TOLERANCE, cost)
-
-
 def _optimum(model: PairModel, start: Solution, variation: float, slope: Array) -> Optimum:
     """Refit with another variation of friction, with its evidence."""
     sharp = final_sharpness(variation)
-    found = _minimised(model, start.nodes, start.common, sharp, _REFIT, slope)
+    found = model.minimised(start.nodes, start.common, sharp, _REFIT, slope)
     return _weighed(model, found, variation)
 
 
 def _weighed(model: PairModel, found: Solution, variation: float) -> Optimum:
     sharp = final_sharpness(variation)
-    loose = np.broadcast_to(model.loosening, found.nodes.shape)
-    factor = found.equations.factor(loose, np.zeros(len(found.common)))
-    _, std = model.memory(sharp)
-    volume = model.locals * (float(np.sum(np.log(std))) + np.log(variation))
-    evidence = -0.5 * (found.equations.cost + factor.log_determinant) - volume
-    return Optimum.of(found, factor, float(evidence), variation)
+    factor = model.factor(found.equations)
+    evidence = model.evidence(sharp, found.equations.cost, factor)
+    return Optimum.of(found, factor, evidence, variation)
 
 
 def _averaged(model: PairModel, trials: list[Optimum]) -> PairFit:

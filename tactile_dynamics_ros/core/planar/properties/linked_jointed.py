@@ -24,7 +24,7 @@ from tactile_dynamics_ros.core.planar.linked.rows import (
 from tactile_dynamics_ros.core.planar.mechanics.linkage import cross, turned
 from tactile_dynamics_ros.core.planar.mechanics.outline import area_and_centroid
 from tactile_dynamics_ros.core.planar.mechanics.support import tipping_shift
-from tactile_dynamics_ros.core.planar.properties.linked_model import (
+from tactile_dynamics_ros.core.planar.properties.latent_model import (
     DELAY_STD,
     HEIGHT_STD,
     INERTIA_SPREAD,
@@ -32,10 +32,9 @@ from tactile_dynamics_ros.core.planar.properties.linked_model import (
     POINT_STD,
     PRODUCT_SPREAD,
     SCALE_SPREAD,
-    Given,
-    PairModel,
+    Motion,
 )
-from tactile_dynamics_ros.core.planar.properties.linked_pair import Motion
+from tactile_dynamics_ros.core.planar.properties.linked_model import Given, PairModel
 from tactile_dynamics_ros.core.planar.properties.linked_structure import Hinge
 
 _OF_PART = (

@@ -21,7 +21,7 @@ from tactile_dynamics_ros.core.planar.linked.rows import (
 )
 from tactile_dynamics_ros.core.planar.mechanics.linkage import cross, turned
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch, tipping_shift
-from tactile_dynamics_ros.core.planar.properties.linked_model import (
+from tactile_dynamics_ros.core.planar.properties.latent_model import (
     DELAY_STD,
     FRICTION_SPREAD,
     HEIGHT_STD,
@@ -30,10 +30,9 @@ from tactile_dynamics_ros.core.planar.properties.linked_model import (
     POINT_STD,
     PRODUCT_SPREAD,
     SCALE_SPREAD,
-    Given,
-    PairModel,
+    Motion,
 )
-from tactile_dynamics_ros.core.planar.properties.linked_pair import Motion
+from tactile_dynamics_ros.core.planar.properties.linked_model import Given, PairModel
 
 NAMES = (
     "ln_product", "ln_mass", "com_x", "com_y", "ln_inertia", "com_height", "ln_scale", "ln_ratio",

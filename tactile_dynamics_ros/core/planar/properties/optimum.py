@@ -9,6 +9,9 @@ import numpy as np
 
 from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.numerics.bordered import Factor, Solution
+from tactile_dynamics_ros.core.planar.properties.balance import around
+from tactile_dynamics_ros.core.planar.properties.intervals import Intervals
+from tactile_dynamics_ros.core.planar.streams import PushedStreams
 
 STAGES = ((2e-2, 30.0), (5e-3, 10.0), (2e-3, 3.0), (5e-4, 1.0))
 """Slip speed, m/s, and floor over its final value of each stage. Of one part slip is slower in
@@ -28,16 +31,16 @@ _WIDTH = 2.0
 """By how much std of mass and inertia are widened: on twelve recordings made for tuning their
 errors were up to twice as large as the curvature of the optimum says, as noise of accelerations is
 no Gaussian of small width. At 1 one in five intervals of 90 % misses."""
-FREE = 5.0
+_FREE = 5.0
 """Accelerations allowed around touches whose friction is not modelled, m/s^2: a coefficient of 0.5.
 Without a limit the motion takes paths there that no object takes; at 2 masses come out too low."""
-AROUND = 3
+_AROUND = 3
 """Intervals around touches in which that is so: an arm that stops within 20 ms."""
+_LEAST_SPREAD = (0.5, 10.0)
+"""Accelerations allowed where nothing is modelled and nothing touches, m/s^2 and rad/s^2: what
+turns out during a slide to a stop. A tenth holds the object back while it still slides."""
 LEAST_INTERVALS = 10
 """Intervals of sliding below which nothing is said: a tenth of a second at 100 Hz."""
-TOLERANCE = 3e-2
-"""Fall of the cost (twice the log probability) that is immaterial: 0.03 of a std squared; at a
-third of it fits take twice as long and move by less than 0.1 std."""
 _PENDING = 0.5
 """Step that the optimiser would still take, in std of the common numbers taken together, up to
 which its result is an answer; the step is in the interval."""
@@ -103,3 +106,31 @@ def average(trials: Sequence[Optimum], wide: Sequence[int]) -> tuple[Optimum, Ar
     width = np.ones(len(common))
     width[list(wide)] = _WIDTH
     return trials[int(np.argmax(weight))], np.asarray(common), covariance * np.outer(width, width)
+
+
+def allowed(cut: Intervals, spread: Array, size: float) -> Array:
+    """Accelerations (N, D) that a motion may have where its equations do not count.
+
+    Args:
+        cut: intervals.
+        spread: (N, D) of the smoothed motion, m/s^2 and rad/s^2, two places first, then angles.
+        size: m, by which free accelerations are turned into angular ones.
+    """
+    angles = spread.shape[1] - 2
+    near = around(cut.touching, _AROUND)[:, None]
+    free = np.array([_FREE, _FREE] + [_FREE / size] * angles)
+    least = np.array([_LEAST_SPREAD[0]] * 2 + [_LEAST_SPREAD[1]] * angles)
+    return np.where(near, free, np.maximum(3.0 * spread, least))
+
+
+def heights(streams: PushedStreams, cut: Intervals) -> tuple[Array, Array]:
+    """Height of each part's centre of mass (n,) before the data, m, and its std.
+
+    Where it is not stated: that of the push, to three tenths.
+    """
+    height = float(np.median(cut.point[cut.touching, 2]))
+    usual = np.full(len(streams.links), 0.3 * height + 1e-3)
+    if streams.com_height is None:
+        return np.full(len(streams.links), height), usual
+    std = streams.com_height_std
+    return np.array(streams.com_height), usual if std is None else np.array(std)
