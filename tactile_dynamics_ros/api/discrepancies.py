@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 _SHOWN = 5
 """Candidates in the lines of a diagnosis; the document has all. What ranks lower has never been the
 hidden effect of a benchmark."""
-_STARRED = "* undetermined by this recording; value and std are those presumed beforehand"
+_STARRED = "* undetermined by this recording; value and std depend on what was presumed beforehand"
 """What a star in the table of the object means."""
 
 

@@ -340,8 +340,8 @@ class Estimate(ReportedResult):
         if not self.undetermined:
             return []
         return [
-            f"* undetermined by this recording: {', '.join(self.undetermined)}; value and std are "
-            "those presumed beforehand"
+            f"* undetermined by this recording: {', '.join(self.undetermined)}; value and std "
+            "depend on what was presumed beforehand"
         ]
 
     def _correction_lines(self) -> list[str]:

@@ -199,7 +199,9 @@ def summarise_demo(
     body = InertialParameters(truth["mass"], np.array(truth["com"]), np.array(truth["inertia_com"]))
     say(_comparison(history, offline, body))
     if offline.not_excited:
-        say("* undetermined by this recording: value and std are those presumed beforehand")
+        say(
+            "* undetermined by this recording: value and std depend on what was presumed beforehand"
+        )
     if not offline.converged:
         say("offline the iteration did not converge; these are its last values, and no answer")
     if effects:

@@ -45,13 +45,14 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     parser.add_argument(
         "--export",
         metavar="FORMAT",
-        help="print the body as urdf, sdf, mjcf, ur (payload call), franka (SetLoad request) or "
-        "moveit (attached object) instead; refused if the recording does not determine it",
+        help="print the body as urdf, sdf, mjcf, ur (payload call), franka (SetLoad request), "
+        "xarm, kuka, control_toolbox, admittance_controller or moveit (attached object) instead; "
+        "refused if the recording does not determine it",
     )
     parser.add_argument(
         "--shape",
         metavar="FILE",
-        help="the object fills this shape, with a density that the recording decides: mesh (m), "
+        help="the object fills this shape; its density is estimated: mesh (m), "
         "cloud of points from all sides, yaml file of an object, or JSON of `shape` (axes of its "
         "first part); --export moveit prints it too, if it is a mesh or yaml file",
     )
@@ -60,27 +61,29 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         nargs=6,
         type=FINITE,
         metavar=("X", "Y", "Z", "ROLL", "PITCH", "YAW"),
-        help="of the shape's axes in those of the object's pose, m and deg; else they are the same",
+        help="pose of the shape in the object's frame, m and deg (default: identical)",
     )
     parser.add_argument(
         "--tool",
         metavar="FILE",
-        help="take this known part out of what is carried, such as a gripper: a URDF (FILE#LINK if "
+        help="subtract this known part, such as a gripper: a URDF (FILE#LINK if "
         "it has several), or a file of --save",
     )
     parser.add_argument(
-        "--prior", metavar="FILE", help="file of --save: the same object in earlier recordings"
+        "--prior",
+        metavar="FILE",
+        help="estimate of the same object from earlier recordings, written by --save",
     )
     parser.add_argument(
         "--wrist",
         metavar="HAND",
-        help="also use /wrist/wrench of the same bag; file of --save of the hand alone, from "
-        "--carried without an object, the fingers as they hold it",
+        help="also use /wrist/wrench of the same bag; HAND: file that `--carried --save` wrote "
+        "with the empty hand, its fingers closed as they hold the object",
     )
     parser.add_argument(
         "--carried",
         action="store_true",
-        help="instead of the object, all that the wrist sensor carries, in the frame of the flange "
+        help="estimate all that the wrist sensor carries, not the object, in the flange's frame "
         "(from /wrist/wrench and /joint_states)",
     )
     parser.add_argument(
@@ -92,14 +95,15 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     parser.add_argument(
         "--without",
         metavar="BAG",
-        help="of an arm by its joint torques: the recording without the payload; the same motion "
-        "cancels friction and what the arm's model misses",
+        help="for an arm by its joint torques: a recording without the payload; if the motion is "
+        "the same, friction and model errors cancel",
     )
     parser.add_argument(
         "--known-load",
         type=POSITIVE,
         metavar="KG",
-        help="likewise: the payload was weighed; tells the gains of drives that report currents",
+        help="for an arm by its joint torques: known mass of the payload; calibrates drives that "
+        "report currents",
     )
     parser.add_argument(
         "--save",

@@ -76,7 +76,11 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         _add_json(form)
         importer.add_arguments(form)
         form.set_defaults(run=run, importer=importer)
-    _add_guess(forms.add_parser(GUESS, help="find out what the columns of FILE mean"))
+    _add_guess(
+        forms.add_parser(
+            GUESS, help="find out what the columns of FILE mean (same as FILE --guess)"
+        )
+    )
 
 
 def _add_json(form: ArgumentParser) -> None:

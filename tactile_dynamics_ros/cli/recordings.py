@@ -85,7 +85,11 @@ def add_recording_arguments(
     """Add the recording, its remappings and the effects of the model, unless it has none."""
     count = "?" if optional else "+"
     bag_help = "rosbag2 directory, .mcap, .db3 or ROS 1 .bag file"
-    several = "" if optional else "; several of one object are asked together: biases are of each"
+    several = (
+        ""
+        if optional
+        else "; several of one object are evaluated together; biases are estimated for each"
+    )
     parser.add_argument("bag", metavar="BAG", nargs=count, help=bag_help + several)
     if effects:
         parser.add_argument(
@@ -93,7 +97,8 @@ def add_recording_arguments(
             action=JoinNames,
             default="",
             metavar="A,B",
-            help="effects added to the model (see `tactile-dynamics effects`), or files of them",
+            help="effects added to the model (see `tactile-dynamics effects`): names, or files "
+            "that define them",
         )
         add_effect_file(parser)
     parser.add_argument(
@@ -122,9 +127,9 @@ def add_recording_arguments(
         action="append",
         default=[],
         metavar="NAME",
-        help="read the recording as this convention says, in the form that fits best, as "
-        "torque_unit (`diagnose` names them), or drive_units=G1,G2,.. with N m per unit of each "
-        "joint; repeatable",
+        help="correct the recording for this convention, such as torque_unit (`diagnose` names "
+        "them); the variant that fits best is used; or drive_units=G1,G2,.. with N m per unit of "
+        "each joint; repeatable",
     )
 
 
@@ -134,7 +139,8 @@ def add_namespace(parser: ArgumentParser, default: str | None = None) -> None:
         "--namespace",
         default=default,
         metavar="NS",
-        help="of the hand's topics, as left for /left/object/pose (root, or the only one)",
+        help="namespace of the hand's topics, as left for /left/object/pose (default: root, or "
+        "the only one)",
     )
 
 
@@ -145,8 +151,7 @@ def add_effect_file(parser: ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="FILE",
-        help="make the effects of a .yaml or .py file known, for --effects and as candidates; "
-        "repeatable",
+        help="load effects from a .yaml or .py file, for --effects and as candidates; repeatable",
     )
 
 

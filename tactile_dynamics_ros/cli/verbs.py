@@ -81,7 +81,7 @@ VERBS: dict[str, Verb] = {
     ),
     "explore": Verb(
         "explore",
-        "push an object on a table where that determines most, until it is known",
+        "push an object on a table where a push tells most, until its parameters are known",
         ("explore", "explore --json"),
     ),
     "weigh": Verb(
@@ -130,7 +130,7 @@ VERBS: dict[str, Verb] = {
     ),
     "batch": Verb(
         "batch",
-        "ask the same about many recordings: table, page of reports; resumes",
+        "run one verb on many recordings; writes a table and a page of reports; can resume",
         ("batch diagnose runs/**/*.mcap --out answers",),
     ),
     "view": Verb(
@@ -145,7 +145,7 @@ VERBS: dict[str, Verb] = {
     ),
     "excite": Verb(
         "excite",
-        "design the motion that reveals most about a held object, within arm and grip limits",
+        "design the motion that reveals most about a held object or an arm, within limits",
         (
             "excite --object box_0 --out motion.json",
             "excite run.mcap --out motion.json",
@@ -160,7 +160,7 @@ VERBS: dict[str, Verb] = {
             "import guess log.csv",
             "import csv log.mapping.yaml run.mcap",
             "import static-poses poses.csv poses.mcap",
-            "import kuka-ft-imu run_01 run.mcap",
+            "import kuka-ft-imu kuka_ft_imu/1-baseline run.mcap",
             "import contactnets-cube-tosses tosses.zip toss.mcap",
             "import biotac-slide slide.csv slide.mcap",
             "import pushes-zhou2016 pushes.zip pushes.mcap",
@@ -170,12 +170,12 @@ VERBS: dict[str, Verb] = {
     ),
     "shape": Verb(
         "shape",
-        "parts, size and pose of an object on a table from point clouds, and where to look",
+        "parts, size and pose of an object on a table from point clouds, and the next view",
         ("shape cloud.ply", "shape first.ply second.ply --align --out surface.ply"),
     ),
     "synthetic": Verb(
         "synthetic",
-        "make a recording with its truth beside it",
+        "simulate a recording; the true values go into a file next to it",
         (
             "synthetic held run.mcap --effect viscous_drag --seed 3",
             "synthetic pushed pushes.mcap --effect support_tilt --seed 112",
@@ -183,7 +183,7 @@ VERBS: dict[str, Verb] = {
     ),
     "train": Verb(
         "train",
-        "retrain shipped networks on what is simulated",
+        "retrain shipped networks on simulated data",
         (
             "train biotac --units 2000 --out weights.npz",
             "train pushing --kind graph_residual --out weights.npz",
@@ -191,7 +191,7 @@ VERBS: dict[str, Verb] = {
     ),
     "calibrate": Verb(
         "calibrate",
-        "fingertips of one hand: gain from presses on a known force, drift while warming up",
+        "calibrate the fingertips of one hand: gains from presses on a known force, and drift",
         ("calibrate presses.mcap",),
     ),
     "completion": Verb(

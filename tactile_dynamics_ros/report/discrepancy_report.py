@@ -36,6 +36,17 @@ _MOST_ROWS = 10
 _DENSE = 0.1
 """Time between samples, s, below which means over half a second are worth a sentence: they then
 hold five samples or more. Slips of a probe are seconds apart."""
+_PROPERTIES = {
+    "channels": "the error is in",
+    "frequency_hz": "oscillates at, Hz",
+    "correlates_with": "correlates with",
+    "formula": "looks like",
+    "frame": "simplest in the frame of",
+    "share_of_excess": "share of the excess error that this explains",
+    "intervals": "bursts, s",
+    "change": "begins or ends",
+}
+"""Properties of a signature in words."""
 
 
 @dataclass(frozen=True)
@@ -310,7 +321,11 @@ def _unexplained(findings: DiscrepancyFindings) -> list[Section]:
     signature = findings.diagnosis.get("unexplained")
     if not signature:
         return []
-    rows = [(key, _signature_text(value)) for key, value in signature.items() if value is not None]
+    rows = [
+        (_PROPERTIES.get(key, key), _signature_text(value))
+        for key, value in signature.items()
+        if value
+    ]
     pictures = []
     if findings.frequency is not None and findings.power:
         frequency_hz = signature.get("frequency_hz")
@@ -346,4 +361,4 @@ def _effects(findings: DiscrepancyFindings) -> list[Section]:
         for name, parameters in dict(effects).items()
         for parameter, value in dict(parameters).items()
     ]
-    return [Section("The added effects", (), (), ["parameter", "value"], rows)] if rows else []
+    return [Section("Effects in the model", (), (), ["parameter", "value"], rows)] if rows else []

@@ -99,7 +99,8 @@ class JointRecording:
             text = text or known
             if not text:
                 raise BadInputError(
-                    f"{path}: a table has no URDF; give that of the arm: --urdf FILE"
+                    f"{path}: a table of an arm's joints needs its URDF (--urdf FILE); read one "
+                    f"of forces and poses by: tactile-dynamics import {path} --guess"
                 )
             from tactile_dynamics_ros.recording.joints.table import read_joint_table
 

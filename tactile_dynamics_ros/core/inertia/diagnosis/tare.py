@@ -29,7 +29,10 @@ def describe_zero(zero: Mapping[str, Mapping[str, Any]], tared: bool) -> str:
         zero: its parameters, with standard deviations.
         tared: whether it was zeroed with the load on it.
     """
-    said = f"The zero of the sensor is part of the model: {write_parameters(zero)}."
+    said = (
+        f"The zero of the sensor is part of the model: with nothing on it, it reads "
+        f"{write_parameters(zero)}, as a force on the object (as one on the sensor, the opposite)."
+    )
     tare = " It was zeroed with the load on it: it reads nothing at the start."
     return said + tare if tared else said
 
