@@ -339,7 +339,11 @@ class Estimate(ReportedResult):
         """Return a line on what the recording does not determine, if there is any."""
         if not self.undetermined:
             return []
-        return [
+        unplaced = (
+            "no positions were recorded (the origin stays at one place while the object turns): "
+            "accelerations are unknown, so inertia is undetermined; record positions or an IMU"
+        )
+        return [unplaced] * self.model.unplaced + [
             f"* undetermined by this recording: {', '.join(self.undetermined)}; value and std "
             "depend on what was presumed beforehand"
         ]

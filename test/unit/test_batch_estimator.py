@@ -100,6 +100,18 @@ def test_standing_still_is_feasible_and_says_what_is_not_excited(recording):
     assert {"inertia_xx", "inertia_yy", "inertia_zz"} <= set(estimate.not_excited)
 
 
+def test_an_object_that_turns_at_one_place_was_recorded_without_positions(recording):
+    """Its accelerations are unknown: an inertia at a stated tenth would be an invention."""
+    streams = recording.streams
+    place = np.broadcast_to(streams.pose.position[0], streams.pose.position.shape)
+    unplaced = replace(streams, pose=replace(streams.pose, position=place))
+    model = fit_recording(unplaced)
+    inertia = {f"inertia_{name}" for name in ("xx", "xy", "yy", "xz", "yz", "zz")}
+    assert model.unplaced
+    assert inertia <= set(model.to_estimate().not_excited)
+    assert not fit_recording(streams).unplaced
+
+
 def only_where(contact: ContactStream, keep) -> ContactStream:
     """Return a contact with a part of its force readings."""
     columns = ("time", "force", "torque", "force_std")

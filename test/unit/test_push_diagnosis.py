@@ -236,7 +236,7 @@ def test_effects_are_absent_at_zero_and_lie_in_their_families(model, name):
     small = 1e-3 * np.array([p.typical for p in effect.parameters])
     change = model.whiten(model.lack(np.append(model.x, small), (effect,)) - before)
     families = model.families_of(name)
-    assert bool(families) == effect.told
+    assert bool(families) == effect.identifiable
     if not families or effect.sudden:
         return
     columns = families[0].columns

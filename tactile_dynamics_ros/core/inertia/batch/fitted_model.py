@@ -48,6 +48,10 @@ if TYPE_CHECKING:
     from tactile_dynamics_ros.core.effects.effect import Effect
 
 
+_TURNS = 0.05
+"""Angular velocity, rad/s, from which an object turns: 3 deg/s, more than trackers drift."""
+
+
 @dataclass(frozen=True)
 class Stretch:
     """One stretch of the recording at the present parameters, whitened.
@@ -278,6 +282,20 @@ class FittedModel:
         """Denoised samples by stretch."""
         return tuple(stretch.problem.samples for stretch in self.stretches)
 
+    @property
+    def unplaced(self) -> bool:
+        """Whether no place was recorded of an object that turned: accelerations are unknown.
+
+        Every position is then the same number, and no IMU says otherwise.
+        """
+        turning = (np.abs(samples.angular_velocity).max() > _TURNS for samples in self.samples)
+        motions = [stretch.problem.raw.motion for stretch in self.stretches]
+        still = [m.position is not None and np.all(m.position == m.position[0]) for m in motions]
+        return any(
+            turns and at_one_place and motion.specific_force is None
+            for turns, at_one_place, motion in zip(turning, still, motions, strict=True)
+        )
+
     def smooth_residual(self) -> Array:
         """(N, 6) predicted minus measured wrench with smoothed motion and measured forces."""
         return np.concatenate(
@@ -312,6 +330,7 @@ class FittedModel:
                 data[:10, :10] / max(1.0, self.whitened_rms) ** 2,
                 prior[:10, :10],
                 covariance[:10, :10],
+                self.unplaced,
             ),
             samples=sum(stretch.problem.count for stretch in self.stretches),
             duration=float(times[-1][-1] - times[0][0]),

@@ -96,7 +96,7 @@ def misfit_inflation(white_residual: Array, jacobian: Array) -> Array:
 
 
 def undetermined_parameters(
-    xi: Array, data: Array, prior: Array, covariance: Array
+    xi: Array, data: Array, prior: Array, covariance: Array, unplaced: bool = False
 ) -> tuple[str, ...]:
     """Parameters that the data leave open, in the order of PARAMETER_NAMES.
 
@@ -109,6 +109,7 @@ def undetermined_parameters(
         data: (10, 10) information of the data on xi.
         prior: (10, 10) information of the prior on xi.
         covariance: (10, 10) of the dynamic parameters, with all that widens it.
+        unplaced: whether accelerations are unknown, so that no inertia is determined.
     """
     to_com = com_inertia_jacobian(dynamic_parameters_from_log_cholesky(xi))
     rows = to_com @ log_cholesky_jacobian(xi)
@@ -117,6 +118,7 @@ def undetermined_parameters(
     before = np.einsum("pi,ij,pj->p", own, np.linalg.inv(prior), own)
     stated = np.einsum("pi,ij,pj->p", to_com, covariance, to_com)
     is_open = (after > _OPEN * before) | (stated > _sizes(xi) ** 2)
+    is_open[4:] |= unplaced
     return tuple(name for name, unknown in zip(PARAMETER_NAMES, is_open, strict=True) if unknown)
 
 
