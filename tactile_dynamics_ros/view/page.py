@@ -16,7 +16,7 @@ from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion
 from tactile_dynamics_ros.view.gate import Gate
 from tactile_dynamics_ros.view.robot import RobotFigure
-from tactile_dynamics_ros.view.state import Body, Force, Push, State, error_marks
+from tactile_dynamics_ros.view.state import Body, Force, Push, State, error_columns
 from tactile_dynamics_ros.view.texts import write_numbers, write_verdict
 
 METRES_PER_NEWTON = 0.02
@@ -130,9 +130,7 @@ class LivePage:
             history = state.histories.get(name)
             if history is None:
                 continue
-            columns = tuple(history.columns())
-            if name == "error":
-                columns += tuple(error_marks(columns, state))
+            columns = error_columns(history, state) if name == "error" else tuple(history.columns())
             if name not in self._charts:
                 banded = np.any(columns[2] != columns[3])
                 said = f"{title} (band: ± one std)" if banded else title
