@@ -117,7 +117,7 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
     )
     parser.add_argument(
         "--stiffness-std",
-        type=Number(0.0, 1.0),
+        type=Number(0.0, 1.0, above=True),
         default=0.1,
         metavar="SHARE",
         help="how well that is known, as a share of it (0.1); it is in the intervals",

@@ -49,7 +49,8 @@ _SLOW = 0.1
 third of what friction of 0.3 does, from 0.2 m/s twice as much, and inertia is not in that model."""
 NO_FORCE = (
     "no force was measured: poses tell the centre of mass and how friction is spread, free slides "
-    "the friction coefficient; mass, friction force and inertia share a factor that nothing tells"
+    "the friction coefficient; mass, friction force and inertia share a factor that nothing tells "
+    "(the robot's --stiffness would, where /pusher/target was recorded)"
 )
 """What is said of a recording of poses alone."""
 _SPARSE_RATE = 5.0
