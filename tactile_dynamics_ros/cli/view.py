@@ -219,7 +219,7 @@ class Control:
         from tactile_dynamics_ros.core.effects import EFFECT_NAMES
         from tactile_dynamics_ros.core.planar.effects.registry import PUSHED_EFFECT_NAMES
 
-        names = PUSHED_EFFECT_NAMES if self._pushed else EFFECT_NAMES
+        names = PUSHED_EFFECT_NAMES if self._state.pushed else EFFECT_NAMES
         page.add_choice("Effects of the model", names, self._set_effects)
         page.allow_adding(self.add)
 
@@ -230,7 +230,7 @@ class Control:
         state = self._state
         before, others = state.error, state.effects
         said = self._set_effects([*others, name])
-        if not self._pushed or name not in self._asked:
+        if not self._state.pushed or name not in self._asked:
             return said
         until = time.monotonic() + REFITTED
         while time.monotonic() < until and self._asked == (*others, name):
@@ -243,12 +243,8 @@ class Control:
         return f"{said}; no fit with it after {REFITTED:.0f} s"
 
     @property
-    def _pushed(self) -> bool:
-        return bool(self._state.numbers)
-
-    @property
     def _estimator(self) -> str:
-        return "property_estimator" if self._pushed else "inertial_estimator"
+        return "property_estimator" if self._state.pushed else "inertial_estimator"
 
     def _halt(self) -> str:
         self._stop.publish(self._message(data=True))

@@ -175,7 +175,7 @@ class State:
         good: whether that is good news.
         verdict: of the last diagnosis, in a sentence. fits: whether it found nothing missing.
         centre: centre of mass of a pushed object and its std, (3,) m, axes of the object.
-        numbers: of a pushed object, in words, by name.
+        pushed: whether the object is one on a support. numbers: of it, in words, by name.
         plan: what explores or pushes the object, in a sentence.
         shape: (K, 3) corners of triangles of the object's surface, m, world, where it was seen.
         shape_pose: (4, 4) pose of the object then; None for an object that did not move since.
@@ -207,6 +207,7 @@ class State:
     verdict: str = ""
     fits: bool = True
     centre: tuple[Array, Array] | None = None
+    pushed: bool = False
     numbers: dict[str, str] = field(default_factory=dict)
     plan: str = ""
     shape: Array | None = None
@@ -298,7 +299,8 @@ def take_property_status(state: State, time: float, statuses: Any) -> None:
     pairs = {name: read.numbers("link_1", [name, f"{name}_std"]) for name in _KINDS}
     values = {name: tuple(pair) for name, pair in pairs.items() if np.isfinite(pair).all()}
     take_properties(state, time, values, read.words("link_1", "undetermined"))
-    state.remark, state.good = read.text("link_1"), read.level("link_1") == OK
+    state.pushed, state.remark = True, read.text("link_1")
+    state.good = read.level("link_1") == OK
     state.effects, state.refused = (
         read.words("solver", "effects"),
         read.values("solver").get("refused", ""),

@@ -140,17 +140,17 @@ def test_the_regime_in_which_a_drag_acts_is_shaded_where_it_acts():
 
 
 @pytest.mark.parametrize(
-    ("numbers", "estimator", "offered"),
+    ("pushed", "estimator", "offered"),
     [
-        ({}, "inertial_estimator", "sloshing_mass"),
-        ({"friction force": "2 N"}, "property_estimator", "support_tilt"),
+        (False, "inertial_estimator", "sloshing_mass"),
+        (True, "property_estimator", "support_tilt"),
     ],
 )
 def test_live_an_effect_joins_those_of_the_estimator_that_runs(
-    monkeypatch, numbers, estimator, offered
+    monkeypatch, pushed, estimator, offered
 ):
     asked, chosen, adding = [], [], []
-    state = State(effects=("force_bias",), numbers=numbers, error=1.9)
+    state = State(effects=("force_bias",), pushed=pushed, error=1.9)
 
     def set_parameter(*what):
         asked.append(what)
@@ -167,13 +167,13 @@ def test_live_an_effect_joins_those_of_the_estimator_that_runs(
     assert asked[0][1:4] == (estimator, "effects", ["force_bias", "tether_spring"])
     assert said == (
         "tether_spring is added: error 1.90 -> 1.10"
-        if numbers
+        if pushed
         else "effects of the model: force_bias, tether_spring"
     )
 
 
 def test_a_fit_with_an_added_effect_that_came_to_no_end_is_said(monkeypatch):
-    state = State(numbers={"friction force": "2 N"}, error=1.9)
+    state = State(pushed=True, error=1.9)
 
     def set_parameter(*what):
         state.effects, state.refused = tuple(what[3]), "it slides too little"
