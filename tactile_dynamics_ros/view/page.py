@@ -126,7 +126,7 @@ class LivePage:
 
     def draw_charts(self, state: State) -> None:
         """Draw the histories; less often than the scene, since whole columns are sent."""
-        for name, title in CHARTS.items():
+        for place, (name, title) in enumerate(CHARTS.items(), 1):
             history = state.histories.get(name)
             if history is None:
                 continue
@@ -134,7 +134,7 @@ class LivePage:
             if name not in self._charts:
                 banded = np.any(columns[2] != columns[3])
                 said = f"{title} (band: ± one std)" if banded else title
-                self._charts[name] = self._add_chart(columns, said)
+                self._charts[name] = self._add_chart(columns, said, place)
             else:
                 self._charts[name].data = columns
 
@@ -200,7 +200,7 @@ class LivePage:
 
         return button
 
-    def _add_chart(self, columns: tuple[Array, ...], title: str) -> Any:
+    def _add_chart(self, columns: tuple[Array, ...], title: str, place: int) -> Any:
         """Add a chart of a value with its band, and of the marks of an error, if it has them."""
         none = {"show": False}
         edge = uplot.Series(label="", stroke="rgba(0,0,0,0)", points=none)
@@ -223,6 +223,7 @@ class LivePage:
             legend=uplot.Legend(show=False),
             title=title,
             height=150,
+            order=self._answer.order + place / (len(CHARTS) + 1),
         )
 
     def _say(self, element: Any, text: str) -> None:
