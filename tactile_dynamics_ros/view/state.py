@@ -222,8 +222,8 @@ class State:
     histories: dict[str, History] = field(default_factory=dict)
 
     def note(self, name: str, time: float, value: float, std: float = 0.0) -> None:
-        """Add a value to the history of a quantity."""
-        self.histories.setdefault(name, History()).add(time, value, std)
+        """Add a value to the history of a quantity; errors are shown as large as they were."""
+        self.histories.setdefault(name, History(name == "error")).add(time, value, std)
 
 
 def error_columns(history: History, state: State) -> tuple[Array, ...]:

@@ -195,11 +195,12 @@ def test_a_diagnosis_offers_what_it_names_its_floor_and_when_it_acts():
 
 
 def test_the_chart_of_the_error_has_its_floor_and_shades_between_its_points():
-    history = History()
-    for time, error in ((100.0, 2.0), (105.0, 2.0), (108.0, 2.0), (110.0, 1.0)):
-        history.add(time, error)
-    assert list(history.columns()[0]) == [0.0, 8.0, 10.0]  # a value that stays is two points
     state = State(floor=0.9, regimes=((102.0, 104.0),), failing=((106.0, 107.0), (109.0, 120.0)))
+    for time, error in ((100.0, 2.0), (105.0, 2.0), (108.0, 2.0), (110.0, 1.0)):
+        state.note("error", time, error)
+    history = state.histories["error"]
+    assert list(history.columns()[0]) == [0.0, 8.0, 10.0]  # a value that stays is two points
+    assert history.columns()[1].max() == 2.0  # and is not cut off
     time, error, _, _, floor, regime, fails = error_columns(history, state)
     np.testing.assert_array_equal(floor, 0.9)
     np.testing.assert_allclose(error, np.interp(time, [0.0, 8.0, 10.0], [2.0, 2.0, 1.0]))
