@@ -14,6 +14,7 @@ from benchmarks.pushed import (
     manners,
     real,
     simulated,
+    stiffness,
 )
 
 SECTIONS = {
@@ -25,6 +26,7 @@ SECTIONS = {
     "manners": manners,
     "real": real,
     "simulated": simulated,
+    "stiffness": stiffness,
 }
 """What measures each section and what makes a table of it; add a line to add one."""
 

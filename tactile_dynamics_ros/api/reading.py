@@ -11,6 +11,7 @@ from tactile_dynamics_ros.core.errors import BadInputError
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.effects.effect import Effect
+    from tactile_dynamics_ros.core.planar.tip import Stiffness
     from tactile_dynamics_ros.recording import Recording
     from tactile_dynamics_ros.recording.joints import JointRecording
     from tactile_dynamics_ros.recording.pushed import PushedRecording
@@ -188,6 +189,7 @@ def read_pushed_recording(
     remap: Mapping[str, str | Sequence[str]] | None = None,
     namespace: str | None = None,
     world_frame: str | None = None,
+    stiffness: Stiffness | None = None,
 ) -> tuple[PushedRecording, list[str]]:
     """Read the recording of an object on a support; see `PushedRecording.from_bag`.
 
@@ -197,9 +199,10 @@ def read_pushed_recording(
         remap: recorded topic names and the name, or names, that they stand for.
         namespace: of the topics that are read.
         world_frame: frame of the poses, z up.
+        stiffness: of a robot without force sensor, whose commands were recorded.
 
     Returns:
-        The recording, and a sentence on each convention.
+        The recording, and a sentence on each convention and on forces by a stiffness.
 
     Raises:
         BadInputError: it cannot be read, or the tip presses into the outline only if signs, units
@@ -209,9 +212,14 @@ def read_pushed_recording(
     from tactile_dynamics_ros.recording.pushed import PushedRecording
 
     recording = PushedRecording.from_bag(
-        path, remap=remap, namespace=namespace, world_frame=world_frame
+        path, remap=remap, namespace=namespace, world_frame=world_frame, stiffness=stiffness
     )
     notes = []
+    if stiffness is not None:
+        notes.append(
+            "forces are what the tip stays behind its command times the stiffness: all of them "
+            f"together are known to {100.0 * recording.streams.force_doubt:.0f} %"
+        )
     for name in assume:
         streams, reading = assumed(recording.streams, name)
         notes.append(f"read as {name}: {reading.change}")

@@ -22,7 +22,14 @@ from tactile_dynamics_ros.cli.recordings import (
 )
 from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.options import FINITE, POSITIVE, file_to_write, folder_to_write
+from tactile_dynamics_ros.core.options import (
+    FINITE,
+    POSITIVE,
+    Number,
+    Numbers,
+    file_to_write,
+    folder_to_write,
+)
 from tactile_dynamics_ros.core.rigid_body.rotation import pose_of
 
 if TYPE_CHECKING:
@@ -106,6 +113,20 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
         "report currents",
     )
     parser.add_argument(
+        "--stiffness",
+        type=Numbers(POSITIVE),
+        metavar="K[,KY]",
+        help="of a robot that pushes without a force sensor, N/m, or along x and y of the table: "
+        "its force is that times how far /pusher/pose stays behind /pusher/target",
+    )
+    parser.add_argument(
+        "--stiffness-std",
+        type=Number(0.0, 1.0, above=True),
+        default=0.1,
+        metavar="SHARE",
+        help="how well that is known, as a share of it (0.1); it is in the intervals",
+    )
+    parser.add_argument(
         "--save",
         type=file_to_write,
         metavar="FILE",
@@ -132,6 +153,8 @@ def run(args: Namespace) -> int:
         return _estimate_joints(args)
     from tactile_dynamics_ros.api.verbs import estimate
 
+    if args.stiffness:
+        raise BadInputError("--stiffness: for an object on a support; leave it out")
     if args.without or args.known_load:
         raise BadInputError("--without, --known-load: for an arm by its joint torques")
     known = {"tool": args.tool, "prior": args.prior}
@@ -191,6 +214,8 @@ def _estimate_pushed(args: Namespace) -> int:
 
     if args.shape:
         raise BadInputError("--shape is for held objects; leave it out")
+    if args.stiffness and args.prior:
+        raise BadInputError("--prior: its doubt of the stiffness is the same one; leave it out")
     return _told(args, estimate(read_pushed(args), pushed_effects(args), prior=args.prior))
 
 
@@ -203,6 +228,8 @@ def _estimate_joints(args: Namespace) -> int:
     """
     from tactile_dynamics_ros.api.verbs import estimate
 
+    if args.stiffness:
+        raise BadInputError("--stiffness: for an object on a support; leave it out")
     if args.prior:
         raise BadInputError("--prior: not for an arm by its joint torques; leave it out")
     recording, empty = read_joint_torques(args), args.without

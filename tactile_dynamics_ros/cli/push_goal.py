@@ -11,12 +11,10 @@ import numpy as np
 
 from tactile_dynamics_ros.cli.bringup import read_namespace
 from tactile_dynamics_ros.cli.explore import ask as explore
-from tactile_dynamics_ros.cli.goals import try_goal
+from tactile_dynamics_ros.cli.goals import DISCOVERY, try_goal
 from tactile_dynamics_ros.cli.topics import set_parameter, short_lived_node, spin_until
 from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
 
-DISCOVERY = 5.0
-"""Real time until the controller is given up if it is not found, s: DDS takes 0.3 s on one host."""
 PATIENCE = 30.0
 """Real time without a word of the controller after which it is given up, s: it speaks five times a
 second, but a plan takes ten on a machine that does twenty other things."""

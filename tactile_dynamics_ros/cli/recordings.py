@@ -8,6 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from tactile_dynamics_ros.api.questions import Question, question_friction
 from tactile_dynamics_ros.api.reading import effects_of, names_of, read_pushed_recording
 from tactile_dynamics_ros.api.reading import read_recording as recording_of
@@ -17,6 +19,7 @@ from tactile_dynamics_ros.recording.bag_options import add_bag_arguments
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.effects.effect import Effect
+    from tactile_dynamics_ros.core.planar.tip import Stiffness
     from tactile_dynamics_ros.recording import Recording
     from tactile_dynamics_ros.recording.joints import JointRecording
     from tactile_dynamics_ros.recording.pushed import PushedRecording
@@ -200,11 +203,28 @@ def read_pushed(args: Namespace) -> PushedRecording:
             remap=_parse_remappings(args.remap),
             namespace=args.namespace,
             world_frame=args.world_frame,
+            stiffness=_stiffness(args),
         )
         for line in [*recording.problem_lines(), *notes]:
             print(f"note: {line}", file=sys.stderr)
         recordings.append(recording)
     return recordings[0].between(*span) if span else PushedRecording.join(recordings)
+
+
+def _stiffness(args: Namespace) -> Stiffness | None:
+    """Return the robot's stiffness that the arguments state.
+
+    Raises:
+        BadInputError: neither one number nor two are given.
+    """
+    from tactile_dynamics_ros.core.planar.tip import Stiffness
+
+    given = getattr(args, "stiffness", None)
+    if not given:
+        return None
+    if len(given) > 2:
+        raise BadInputError(f"--stiffness: {len(given)} numbers, expected one, or one of x and y")
+    return Stiffness(np.array([given[0], given[-1]]), args.stiffness_std)
 
 
 def read_joint_torques(args: Namespace) -> JointRecording:

@@ -209,5 +209,5 @@ def start_view(supervisor: Supervisor, port: int | None, say: Callable[[str], No
     """
     if port:
         token = os.environ.setdefault(TOKEN_VARIABLE, secrets.token_urlsafe(16))
-        supervisor.start("view", verb_command("view", "--port", str(port)))
+        supervisor.start("view", verb_command("view", "--port", str(port), "--control"))
         say(f"live page: http://127.0.0.1:{port}/?token={token}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 from argparse import ArgumentParser, Namespace, _SubParsersAction
 from collections.abc import Callable, Iterator, Mapping
@@ -39,7 +40,6 @@ _DISCOVER_EVERY = 10
 SERVICES = {
     "Diagnose": ("model_check/diagnose", 300.0),
     "Probe friction": ("friction_probe/probe", 10.0),
-    "Reset the estimate": ("inertial_estimator/reset", 10.0),
     "Explore": ("explorer/explore", 10.0),
 }
 """Buttons: service and time for its answer, s."""
@@ -131,8 +131,7 @@ def _play(args: Namespace, stop: StopRequest) -> None:
     else:
         playback = Playback(read_recording(args))
     with served(args, {"Diagnose": playback.diagnose}) as page:
-        if isinstance(playback, Playback):
-            page.allow_adding(playback.add)
+        page.allow_adding(playback.add)
         moment = page.add_time(playback.duration)
         count = 0
         while not stop.requested:
@@ -151,26 +150,33 @@ def _watch(args: Namespace, stop: StopRequest) -> None:
     from tactile_dynamics_ros.view.live import LiveSource
 
     with short_lived_node(args.namespace or "") as node:
-        control = Control(node) if args.control else None
+        source = LiveSource(node)
+        control = Control(node, source.state) if args.control else None
         with served(args, control.actions() if control else None) as page:
-            source = LiveSource(node)
-            if control:
-                control.add_effects(page, source.state)
-            follow(page, source, lambda: stop.requested)
+            follow(page, source, lambda: stop.requested, control)
 
 
-def follow(page: LivePage, source: LiveSource, stop: Callable[[], bool]) -> None:
+def follow(
+    page: LivePage,
+    source: LiveSource,
+    stop: Callable[[], bool],
+    control: Control | None = None,
+) -> None:
     """Show what nodes publish on a page.
 
     Args:
         page: to show it on.
         source: of their messages; nobody else may spin its node.
         stop: asked ten times a second.
+        control: offers the effects of the model, once it is known what is estimated.
     """
     count = 0
     while not stop():
         if count % _DISCOVER_EVERY == 0:
             source.discover()
+            if control and source.state.remark:
+                control.add_effects(page)
+                control = None
         source.read()
         page.show(source.state)
         if count % _CHARTS_EVERY == 0:
@@ -184,34 +190,61 @@ class Control:
 
     Args:
         node: that calls services.
+        state: of the page, which says what is estimated.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, state: State) -> None:
         from std_msgs.msg import Bool
 
         from tactile_dynamics_ros.ros.names import EMERGENCY_STOP
         from tactile_dynamics_ros.ros.shell import LATCHED
 
-        self._node, self._message = node, Bool
+        self._node, self._message, self._state = node, Bool, state
         self._stop = node.create_publisher(Bool, EMERGENCY_STOP, LATCHED)
         self._lock = Lock()
+        self._asked: tuple[str, ...] = ()
 
     def actions(self) -> dict[str, Callable[[], str]]:
         """Return what each button does."""
         calls = {text: self._caller(*service) for text, service in SERVICES.items()}
+        calls["Reset the estimate"] = lambda: self._caller(f"{self._estimator}/reset", 10.0)()
         return {"STOP": self._halt, "Allow motion again": self._release, **calls}
 
-    def add_effects(self, page: LivePage, state: State) -> None:
+    def add_effects(self, page: LivePage) -> None:
         """Add the choice of the effects of the model, and buttons for those that are missing.
 
         Args:
             page: to add them to.
-            state: of the model.
         """
         from tactile_dynamics_ros.core.effects import EFFECT_NAMES
+        from tactile_dynamics_ros.core.planar.effects.registry import PUSHED_EFFECT_NAMES
 
-        page.add_choice("Effects of the model", EFFECT_NAMES, self._set_effects)
-        page.allow_adding(lambda name: self._set_effects([*state.effects, name], state))
+        names = PUSHED_EFFECT_NAMES if self._state.pushed else EFFECT_NAMES
+        page.add_choice("Effects of the model", names, self._set_effects)
+        page.allow_adding(self.add)
+
+    def add(self, name: str) -> str:
+        """Add an effect to the model; return how the error of a pushed object changes with it."""
+        from tactile_dynamics_ros.cli.demo_change import REFITTED
+
+        state = self._state
+        before, others = state.error, state.effects
+        said = self._set_effects([*others, name])
+        if not self._state.pushed or name not in self._asked:
+            return said
+        until = time.monotonic() + REFITTED
+        while time.monotonic() < until and self._asked == (*others, name):
+            if name in state.fitted and state.error is not None:
+                before = state.without if state.without and not others else before
+                return f"{name} is added: error {before or math.nan:.2f} -> {state.error:.2f}"
+            if name in state.effects and state.refused:
+                return f"{name} is in the model, without a fit: {state.refused}"
+            time.sleep(_PERIOD)
+        return f"{said}; no fit with it after {REFITTED:.0f} s"
+
+    @property
+    def _estimator(self) -> str:
+        return "property_estimator" if self._state.pushed else "inertial_estimator"
 
     def _halt(self) -> str:
         self._stop.publish(self._message(data=True))
@@ -226,13 +259,12 @@ class Control:
 
         return lambda: self._alone(lambda: _words(*call_trigger(self._node, service, timeout)))
 
-    def _set_effects(self, names: list[str], state: State | None = None) -> str:
+    def _set_effects(self, names: list[str]) -> str:
         from tactile_dynamics_ros.cli.topics import set_parameter
 
-        estimator = "property_estimator" if state and state.numbers else "inertial_estimator"
-
         def change() -> str:
-            set_parameter(self._node, estimator, "effects", names, 10.0)
+            set_parameter(self._node, self._estimator, "effects", names, 10.0)
+            self._asked = tuple(names)
             return f"effects of the model: {', '.join(names) or 'none'}"
 
         return self._alone(change)

@@ -25,7 +25,7 @@ from tactile_dynamics_ros.core.planar.actions.information import (
     PredictedObject,
     SensingConfig,
 )
-from tactile_dynamics_ros.core.planar.actions.pair import PairExplorer, next_push
+from tactile_dynamics_ros.core.planar.actions.pair import PairExplorer
 from tactile_dynamics_ros.core.planar.actions.straight import drawing_back, freeing
 from tactile_dynamics_ros.core.planar.control.foresight import Task, next_for
 from tactile_dynamics_ros.core.planar.control.performance import (
@@ -313,7 +313,7 @@ class ExplorerNode(Shell):
             assert self._pair is not None
             poses = np.stack([self._view(part)[0].pose for part in (0, 1)])
             run.choosing = self._background.submit(
-                next_push, run.explorer, self._pair.found, self._beliefs(run.explorer), poses
+                next_choice, run.explorer, self._pair.found, self._beliefs(run.explorer), poses
             )
         else:
             seen, others = self._view(0)

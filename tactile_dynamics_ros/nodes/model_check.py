@@ -308,6 +308,7 @@ class ModelCheckNode(Shell):
         level = DiagnosticStatus.OK if verdict == "adequate" else DiagnosticStatus.WARN
         text = document.get("sentence") or verdict
         found = {"effect": document["effect"] or "", "group": ",".join(document["group"])}
+        found |= {name: json.dumps(spans) for name, spans in document.get("spans", {}).items()}
         values = {**document["error"], **found}
         message = DiagnosticArray(header=header(self._window.newest, "object"))
         message.status = [status_message("diagnosis", {"verdict": verdict, **values}, level, text)]

@@ -35,7 +35,8 @@ class Recorder(Shell):
     Args:
         path: new directory of the recording, or a new file that ends in .mcap. A file is written in
             the directory `<path>.part`, which stays readable if the recorder is killed.
-        topics: to record; all but large images if empty.
+        topics: to record; all but large images and hidden ones (a part of the name begins with _,
+            as those of actions do) if empty.
         namespace: with its leading slash; if given, only topics inside it and global ones.
     """
 
@@ -66,7 +67,7 @@ class Recorder(Shell):
     def _is_wanted(self, topic: str) -> bool:
         if self._topics:
             return topic in self._topics
-        if topic in IGNORED or topic.endswith((TRANSITIONS, *IMAGES)):
+        if topic in IGNORED or topic.endswith((TRANSITIONS, *IMAGES)) or "/_" in topic:
             return False
         return topic in GLOBAL or topic.startswith(f"{self._inside}/")
 

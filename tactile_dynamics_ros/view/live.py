@@ -186,8 +186,9 @@ class LiveSource:
         state.note("com", time, 1e3 * said.value[1], 1e3 * said.std[1])
 
     def _on_error(self, message: Float64) -> None:
-        self.state.error = message.data
-        self.state.note("error", self._newest, message.data)
+        if not self.state.pushed:  # the error of a pushed object is that of its estimate
+            self.state.error = message.data
+            self.state.note("error", self._newest, message.data)
 
     def _on_diagnosis(self, message: DiagnosticArray) -> None:
         take_diagnosis(self.state, message.status)

@@ -16,7 +16,7 @@ from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.rigid_body.rotation import matrix_to_quaternion
 from tactile_dynamics_ros.view.gate import Gate
 from tactile_dynamics_ros.view.robot import RobotFigure
-from tactile_dynamics_ros.view.state import Body, Force, Push, State, error_marks
+from tactile_dynamics_ros.view.state import Body, Force, Push, State, error_columns
 from tactile_dynamics_ros.view.texts import write_numbers, write_verdict
 
 METRES_PER_NEWTON = 0.02
@@ -126,17 +126,15 @@ class LivePage:
 
     def draw_charts(self, state: State) -> None:
         """Draw the histories; less often than the scene, since whole columns are sent."""
-        for name, title in CHARTS.items():
+        for place, (name, title) in enumerate(CHARTS.items(), 1):
             history = state.histories.get(name)
             if history is None:
                 continue
-            columns = tuple(history.columns())
-            if name == "error":
-                columns += tuple(error_marks(columns, state))
+            columns = error_columns(history, state) if name == "error" else tuple(history.columns())
             if name not in self._charts:
                 banded = np.any(columns[2] != columns[3])
                 said = f"{title} (band: ± one std)" if banded else title
-                self._charts[name] = self._add_chart(columns, said)
+                self._charts[name] = self._add_chart(columns, said, place)
             else:
                 self._charts[name].data = columns
 
@@ -202,7 +200,7 @@ class LivePage:
 
         return button
 
-    def _add_chart(self, columns: tuple[Array, ...], title: str) -> Any:
+    def _add_chart(self, columns: tuple[Array, ...], title: str, place: int) -> Any:
         """Add a chart of a value with its band, and of the marks of an error, if it has them."""
         none = {"show": False}
         edge = uplot.Series(label="", stroke="rgba(0,0,0,0)", points=none)
@@ -225,6 +223,7 @@ class LivePage:
             legend=uplot.Legend(show=False),
             title=title,
             height=150,
+            order=self._answer.order + place / (len(CHARTS) + 1),
         )
 
     def _say(self, element: Any, text: str) -> None:

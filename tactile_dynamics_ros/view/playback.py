@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import numpy as np
 
 from tactile_dynamics_ros.api.discrepancies import Comparison
@@ -12,7 +10,7 @@ from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import inertia_vector
 from tactile_dynamics_ros.core.streams.streams import nearest_samples
 from tactile_dynamics_ros.recording import Recording
-from tactile_dynamics_ros.view.state import KEPT, Body, Force, History, Quantity, Span, State
+from tactile_dynamics_ros.view.state import KEPT, Body, Force, History, Quantity, State
 
 _NEAR = 0.1
 """Distance of a sample, s, up to which it is shown for a time: twice the period of slow loggers.
@@ -40,7 +38,6 @@ class Playback:
         self.stop = max(float(time[-1]) for time in times if len(time))
         self._state = State()
         self._effects: tuple[str, ...] = ()
-        self._first = self.start
         self._estimate()
         self._add_load()
 
@@ -80,7 +77,7 @@ class Playback:
         state.verdict, state.floor = str(document["sentence"]), document["error"]["noise_floor"]
         state.fits = found.verdict == "adequate"
         state.missing = tuple(filter(None, dict.fromkeys((found.effect, *document["group"]))))
-        state.regimes = self._in_chart(found.findings.regimes)
+        state.regimes = tuple(found.findings.regimes)
         return state.verdict
 
     def add(self, name: str) -> str:
@@ -93,9 +90,6 @@ class Playback:
             return f"{name} is not added: {said}"
         state.missing, state.verdict, state.fits = (), "", True
         return f"{name} is added: error {before or np.nan:.2f} -> {state.error:.2f}"
-
-    def _in_chart(self, spans: Iterable[Span]) -> tuple[Span, ...]:
-        return tuple((a - self._first, b - self._first) for a, b in spans)
 
     def _estimate(self) -> bool:
         """Estimate with the effects of the model, and show where it fails; return success."""
@@ -118,9 +112,8 @@ class Playback:
         places = compared.document["fails_where"][:_PLACES]
         state.fails = tuple(f"{one['channel']} {one['condition']}" for one in places)
         time, errors = compared.error_over_time()
-        self._first = float(time[0])
-        state.failing = self._in_chart(compared.answer.intervals)
-        state.regimes = self._in_chart(compared.regime_spans())
+        state.failing = compared.answer.intervals
+        state.regimes = tuple(compared.regime_spans())
         history = state.histories["error"] = History(whole=True)
         for k in np.unique(np.linspace(0, len(time) - 1, min(len(time), KEPT)).astype(int)):
             history.add(time[k], errors[k])

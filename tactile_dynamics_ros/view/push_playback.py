@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
 from functools import partial
 from operator import itemgetter
@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
-from tactile_dynamics_ros.api.discrepancies import Diagnosis
-from tactile_dynamics_ros.api.questions import question_pushed
+from tactile_dynamics_ros.api.discrepancies import Comparison, Diagnosis
+from tactile_dynamics_ros.api.pushed_estimates import EstimateOfPushes
+from tactile_dynamics_ros.api.questions import Question
 from tactile_dynamics_ros.core.array import Array
-from tactile_dynamics_ros.core.errors import TactileDynamicsError
+from tactile_dynamics_ros.core.errors import NotIdentifiableError, TactileDynamicsError
 from tactile_dynamics_ros.core.inertia.live.live_estimate import MISFIT
 from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate, estimate
 from tactile_dynamics_ros.core.planar.streams import PushContact, PushedStreams
@@ -36,6 +37,7 @@ from tactile_dynamics_ros.view.state import (
     KEPT,
     Force,
     History,
+    Span,
     State,
     take_diagnosis,
     take_markers,
@@ -72,7 +74,10 @@ class PushPlayback:
         self._pushes: dict[str, PushContact] = self._streams.contacts
         self._tracks = _told(recording)
         self._shape = _shape(recording)
-        self._verdict, self._good = "", True
+        self._effects: tuple[str, ...] = ()
+        self._asked: EstimateOfPushes | None = None
+        self._asked_with: tuple[str, ...] = ()
+        self._overlay: dict[str, Any] = {}
         self._waiting: deque[tuple[float, Future[PushedEstimate]]] = deque()
         self._background: Background | None = None
         if PROPERTY_STATUS not in self._tracks:
@@ -109,18 +114,74 @@ class PushPlayback:
         if self._shape is not None:
             state.shape, state.shape_pose = self._shape
         state.histories = self._histories
-        if self._verdict:
-            state.verdict, state.fits = self._verdict, self._good
+        if (
+            self._effects
+            and self._asked is not None
+            and isinstance(self._asked.found, PushedEstimate)
+        ):
+            _of_estimate(time, self._asked.found)[1](state)
+        for name, value in self._overlay.items():
+            setattr(state, name, value)
         return state
 
     def diagnose(self) -> str:
         """Find out which effect is missing; return the sentence."""
         try:
-            document = Diagnosis.of(question_pushed(self.recording)).to_json()
+            question = self._estimate(self._effects)
+            found = Diagnosis.of(question)
         except TactileDynamicsError as error:
             return str(error)
-        self._verdict, self._good = str(document["sentence"]), document["verdict"] == "adequate"
-        return self._verdict
+        document = found.to_json()
+        self._show_error(question, document["error"]["noise_floor"])
+        named = tuple(filter(None, dict.fromkeys((found.effect, *document["group"]))))
+        self._overlay |= {
+            "verdict": str(document["sentence"]),
+            "fits": found.verdict == "adequate",
+            "missing": named,
+        }
+        if found.findings.regimes:
+            self._overlay["regimes"] = _stamped(found.findings.regimes, question)
+        return str(document["sentence"])
+
+    def add(self, name: str) -> str:
+        """Add an effect to the model and estimate anew; return how the error changes."""
+        try:
+            before = self._estimate(self._effects).whitened_rms
+            question = self._estimate((*self._effects, name))
+        except TactileDynamicsError as error:
+            return f"{name} is not added: {error}"
+        self._effects = (*self._effects, name)
+        self._show_error(question, self._overlay.get("floor", 1.0))
+        self._overlay |= {"effects": self._effects, "missing": (), "verdict": "", "fits": True}
+        return f"{name} is added: error {before:.2f} -> {question.whitened_rms:.2f}"
+
+    def _estimate(self, effects: tuple[str, ...]) -> Question:
+        """Estimate from the whole recording with effects, unless that was the last estimate.
+
+        Raises:
+            TactileDynamicsError: there is no estimate, or no model to hold against the recording.
+        """
+        if self._asked is None or self._asked_with != effects:
+            self._asked = EstimateOfPushes.of(self.recording, effects)
+            self._asked_with = effects
+        if self._asked.question is None:
+            raise NotIdentifiableError("poses are too sparse to ask what is missing")
+        return self._asked.question
+
+    def _show_error(self, question: Question, floor: float) -> None:
+        """Show the error over time, with its floor and where it is large."""
+        compared = Comparison.of(question)
+        time, errors = compared.error_over_time()
+        history = History(whole=True)
+        for k in np.unique(np.linspace(0, len(time) - 1, min(len(time), KEPT)).astype(int)):
+            history.add(time[k] + _start(question), errors[k])
+        self._overlay |= {
+            "histories": self._histories | {"error": history},
+            "error": question.whitened_rms,
+            "floor": floor,
+            "failing": _stamped(compared.answer.intervals, question),
+            "regimes": _stamped(compared.regime_spans(), question),
+        }
 
     def _begin_estimates(self) -> None:
         """Estimate after each push, in a process beside the page; for a single part only."""
@@ -156,6 +217,16 @@ class PushPlayback:
         return state.histories
 
 
+def _start(question: Question) -> float:
+    """Time zero of the residuals of a model of pushes, s."""
+    return float(question.model.linear.times[0])
+
+
+def _stamped(spans: Sequence[Span], question: Question) -> tuple[Span, ...]:
+    start = _start(question)
+    return tuple((a + start, b + start) for a, b in spans)
+
+
 def _refuse(why: str, state: State) -> None:
     state.remark, state.good = why, False
 
@@ -183,6 +254,7 @@ def _told(recording: PushedRecording) -> dict[str, list[Event]]:
     store = get_typestore(Stores.ROS2_JAZZY)
     tracks: dict[str, list[Event]] = {}
     clocks: list[tuple[float, float]] = []
+    epoch = recording.epoch_ns * 1e-9
     for topic in (PROPERTY_STATUS, MODEL_DIAGNOSIS, EXPLORE_PROGRESS, PUSH_PROGRESS):
         for _, kind, came, raw in _messages(recording, topic):
             message: Any = store.deserialize_cdr(raw, kind)
@@ -194,7 +266,7 @@ def _told(recording: PushedRecording) -> dict[str, list[Event]]:
                 time = float(np.interp(came, *zip(*clocks, strict=True)))
             else:
                 continue
-            tracks.setdefault(topic, []).append((time, _taker(topic, time, message)))
+            tracks.setdefault(topic, []).append((time, _taker(topic, time, message, epoch)))
     return {topic: sorted(track, key=itemgetter(0)) for topic, track in tracks.items()}
 
 
@@ -217,12 +289,12 @@ def _shape(recording: PushedRecording) -> tuple[Array, Array] | None:
     return None
 
 
-def _taker(topic: str, time: float, message: Any) -> Callable[[State], None]:
-    """What a message does to the state of the page."""
+def _taker(topic: str, time: float, message: Any, epoch: float) -> Callable[[State], None]:
+    """What a message does to the state of the page; with the stamp of time zero, s."""
     if topic == PROPERTY_STATUS:
         return lambda state: take_property_status(state, time, message.status)
     if topic == MODEL_DIAGNOSIS:
-        return lambda state: take_diagnosis(state, message.status)
+        return lambda state: take_diagnosis(state, message.status, epoch)
     return lambda state: take_progress(state, message)
 
 

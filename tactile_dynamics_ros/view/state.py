@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -23,11 +23,16 @@ from tactile_dynamics_ros.ros.diagnostics import OK, Statuses, status_values
 Span = tuple[float, float]
 
 KEPT = 600
-"""Points of a chart: a minute at 10 Hz, about as many as it has pixels. More cost time to send."""
+"""Points of a chart: a minute at 10 Hz of what changes each time, about as many as it has pixels.
+More cost time to send."""
 
 _REACH = 4.0
 """Height of a chart either way, in multiples of what the newer half of it needs. Smaller cuts off
 more of how an estimate began, larger makes its last bands thin."""
+
+
+_EDGE = 1e-3
+"""Width of the edge of a shade, s: far below a pixel of a minute's chart."""
 
 
 @dataclass(frozen=True)
@@ -117,11 +122,22 @@ class History:
         self._rows: deque[tuple[float, float, float]] = deque(maxlen=KEPT)
 
     def add(self, time: float, value: float, std: float = 0.0) -> None:
-        """Add a value unless nothing is newer; what lies in the future of the time is dropped."""
+        """Add a value unless nothing is newer; what lies in the future of the time is dropped.
+
+        While a value stays as it was, its last point moves on.
+        """
         while self._rows and self._rows[-1][0] > time:
             self._rows.pop()
-        if not self._rows or self._rows[-1][0] < time:
-            self._rows.append((time, value, std))
+        if self._rows and self._rows[-1][0] == time:
+            return
+        if len(self._rows) > 1 and self._rows[-1][1:] == self._rows[-2][1:] == (value, std):
+            self._rows.pop()
+        self._rows.append((time, value, std))
+
+    @property
+    def first(self) -> float:
+        """Time of the first value, s."""
+        return self._rows[0][0] if self._rows else 0.0
 
     def columns(self) -> Array:
         """Time from the first, value, and both ends of ± one standard deviation, (4, N).
@@ -150,14 +166,16 @@ class State:
         friction: static coefficient.
         error: whitened RMS; 1 is the noise that sensors report. floor: to which it can fall.
         fails: sentences on where the model fails.
-        failing: stretches (start, end) of the charts' time, s, in which it fails.
+        without: the error without the effects of the model; None where it is not known.
+        failing: stretches (start, end), s, in which it fails, on the clock of the histories.
         regimes: those in which a named effect acts.
         effects: of the model. missing: names of which one may be added.
+        fitted: effects with which the estimate is made. refused: why there is none with them.
         remark: what the estimator says of its estimate.
         good: whether that is good news.
         verdict: of the last diagnosis, in a sentence. fits: whether it found nothing missing.
         centre: centre of mass of a pushed object and its std, (3,) m, axes of the object.
-        numbers: of a pushed object, in words, by name.
+        pushed: whether the object is one on a support. numbers: of it, in words, by name.
         plan: what explores or pushes the object, in a sentence.
         shape: (K, 3) corners of triangles of the object's surface, m, world, where it was seen.
         shape_pose: (4, 4) pose of the object then; None for an object that did not move since.
@@ -176,16 +194,20 @@ class State:
     friction: Quantity | None = None
     error: float | None = None
     floor: float = 1.0
+    without: float | None = None
     fails: tuple[str, ...] = ()
     failing: tuple[Span, ...] = ()
     regimes: tuple[Span, ...] = ()
     effects: tuple[str, ...] = ()
     missing: tuple[str, ...] = ()
+    fitted: tuple[str, ...] = ()
+    refused: str = ""
     remark: str = ""
     good: bool = True
     verdict: str = ""
     fits: bool = True
     centre: tuple[Array, Array] | None = None
+    pushed: bool = False
     numbers: dict[str, str] = field(default_factory=dict)
     plan: str = ""
     shape: Array | None = None
@@ -200,24 +222,33 @@ class State:
     histories: dict[str, History] = field(default_factory=dict)
 
     def note(self, name: str, time: float, value: float, std: float = 0.0) -> None:
-        """Add a value to the history of a quantity."""
-        self.histories.setdefault(name, History()).add(time, value, std)
+        """Add a value to the history of a quantity; errors are shown as large as they were."""
+        self.histories.setdefault(name, History(name == "error")).add(time, value, std)
 
 
-def error_marks(columns: Sequence[Array], state: State) -> Iterator[Array]:
-    """Yield the floor, and shades up to the largest error where a regime holds and where it fails.
+def error_columns(history: History, state: State) -> tuple[Array, ...]:
+    """The columns of the error's chart, with its floor and two shades up to the largest error.
+
+    The shades, where a regime holds and where the model fails, have edges of their own, since
+    errors may come seldom.
 
     Args:
-        columns: time, s, and error of the chart.
+        history: of the error.
         state: with floor and stretches.
     """
-    time, error = columns[:2]
-    yield np.full(len(time), state.floor)
-    top = np.max(error, initial=state.floor)
-    for spans in (state.regimes, state.failing):
-        yield top * np.any(
-            [(time >= a) & (time <= b) for a, b in spans] or [time < -np.inf], axis=0
-        )
+    time, *values = history.columns()
+    if not len(time):
+        return (*history.columns(), *np.zeros((3, 0)))
+    kinds = [np.array(s).reshape(-1, 2) - history.first for s in (state.regimes, state.failing)]
+    edges = np.concatenate([span.ravel() for span in kinds])
+    edges = np.concatenate([edges, edges - _EDGE, edges + _EDGE])
+    dense = np.unique([*time, *edges[(edges > time[0]) & (edges < time[-1])]])
+    top = np.max(values[0], initial=state.floor)
+    shades = [
+        top * np.any((dense >= spans[:, :1]) & (dense <= spans[:, 1:]), axis=0) for spans in kinds
+    ]
+    lines = [np.interp(dense, time, value) for value in values]
+    return (dense, *lines, np.full(len(dense), state.floor), *shades)
 
 
 _TRIANGLE_LIST, _ADD = 11, 0
@@ -268,17 +299,36 @@ def take_property_status(state: State, time: float, statuses: Any) -> None:
     pairs = {name: read.numbers("link_1", [name, f"{name}_std"]) for name in _KINDS}
     values = {name: tuple(pair) for name, pair in pairs.items() if np.isfinite(pair).all()}
     take_properties(state, time, values, read.words("link_1", "undetermined"))
-    state.remark, state.good = read.text("link_1"), read.level("link_1") == OK
-    state.effects = read.words("solver", "effects")
+    state.pushed, state.remark = True, read.text("link_1")
+    state.good = read.level("link_1") == OK
+    state.effects, state.refused = (
+        read.words("solver", "effects"),
+        read.values("solver").get("refused", ""),
+    )
+    state.fitted = tuple(name for name in state.effects if f"effect {name}" in read)
+    without = read.number("solver", "without_effects")
+    state.without = without if np.isfinite(without) else None
     error = read.number("solver", "whitened_rms")
     if np.isfinite(error):
         state.error = error
         state.note("error", time, error)
 
 
-def take_diagnosis(state: State, statuses: Any) -> None:
-    """Take the verdict of `model_check`, and what it names."""
+def take_diagnosis(state: State, statuses: Any, start: float = 0.0) -> None:
+    """Take the verdict of `model_check`, what it names, and when that acts.
+
+    Args:
+        state: of the page.
+        statuses: of the message.
+        start: stamp of the time zero of the histories, s.
+    """
     read = Statuses(statuses)
+    state.regimes, state.failing = (
+        tuple(
+            (a - start, b - start) for a, b in json.loads(read.values("diagnosis").get(key, "[]"))
+        )
+        for key in ("regime", "failing")
+    )
     state.verdict, state.fits = read.text("diagnosis"), read.level("diagnosis") == OK
     floor = read.number("diagnosis", "noise_floor")
     state.floor = floor if np.isfinite(floor) else 1.0

@@ -30,6 +30,8 @@ def write_numbers(state: State) -> str:
         rows.append(("friction", _plain(state.friction)))
     if state.error is not None:
         rows.append(("error", f"{state.error:.2f} × the noise (floor {state.floor:.2f})"))
+    if state.without is not None:
+        rows.append(("error without the effects", f"{state.without:.2f} × the noise"))
     if state.effects:
         rows.append(("effects of the model", html.escape(", ".join(state.effects))))
     rows += [("it fails", html.escape(place)) for place in state.fails]

@@ -44,6 +44,24 @@ def test_a_recording_of_another_name_is_a_rosbag2_directory(bench, tmp_path):
         Recorder(tmp_path / "run")
 
 
+def test_hidden_topics_are_recorded_only_if_they_are_named(bench, tmp_path):
+    hidden = "/push_controller/push/_action/feedback"
+    recorder = bench.start(lambda: Recorder(tmp_path / "all"))
+    publishers = [recorder.create_publisher(Float64, topic, 10) for topic in (hidden, TOPIC)]
+
+    def heard():
+        for publisher in publishers:
+            publisher.publish(Float64(data=1.5))
+        return recorder.counts[TOPIC] > 2
+
+    bench.until(heard)
+    assert hidden not in recorder.counts and hidden not in recorder.refused
+    recorder.close()
+    named = bench.start(lambda: Recorder(tmp_path / "named", [hidden]))
+    assert named._is_wanted(hidden)
+    named.close()
+
+
 def test_a_full_disk_ends_a_recording_in_one_line_with_what_was_heard(
     tmp_path, monkeypatch, capsys
 ):

@@ -5,6 +5,7 @@ import pickle
 from dataclasses import dataclass, field, replace
 from functools import partial
 from operator import itemgetter
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,17 +13,21 @@ from synthetic_recording import held_box
 
 from benchmarks.friction.generator import draw_surface, generate_events
 from tactile_dynamics_ros.cli.main import main
+from tactile_dynamics_ros.core.discrepancy import live_check
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
 from tactile_dynamics_ros.core.discrepancy.documents import diagnosis_document
 from tactile_dynamics_ros.core.discrepancy.live_check import (
     LiveCheckConfig,
     LiveComparison,
     LiveModelCheck,
+    live_document,
 )
-from tactile_dynamics_ros.core.discrepancy.model.residual_model import Misfit
+from tactile_dynamics_ros.core.discrepancy.model.residual_model import Condition, Misfit
+from tactile_dynamics_ros.core.discrepancy.regimes.finding import RegimeFinding
 from tactile_dynamics_ros.core.friction.discrepancy_model import FrictionModel
 from tactile_dynamics_ros.core.friction.slip_log import tabulate_slips
 from tactile_dynamics_ros.core.inertia.diagnosis.live_check import compare_streams, diagnose_streams
+from tactile_dynamics_ros.core.numerics.regime import Gate
 from tactile_dynamics_ros.core.streams.measurement_window import MeasurementWindow
 from tactile_dynamics_ros.core.streams.streams import ContactSample, Streams
 from tactile_dynamics_ros.recording.probe_slips import write_slips
@@ -69,6 +74,23 @@ def test_clean_measurements_are_adequate(streams):
     assert found.residual.shape == (len(found.time), 6)
     assert streams.pose.time[-1] - 10.0 <= found.time[0] < found.time[-1] <= streams.pose.time[-1]
     assert computed(check.diagnosis())["verdict"] == "adequate"
+
+
+def test_a_live_document_says_by_stamps_when_the_effect_acts_and_the_model_fails(monkeypatch):
+    monkeypatch.setattr(live_check, "diagnosis_document", lambda found: {"verdict": found.verdict})
+    time = np.arange(0.0, 10.0, 0.1)
+    z = Condition("height", "m", 0.1 * time, symbol="z")
+    white = np.where((time >= 6.0) & (time < 8.0), 4.0, 1.0)[:, None]
+    found = SimpleNamespace(
+        verdict="missing_effect",
+        regime=RegimeFinding(z, Gate("z", 0.595, np.inf), 0.01, 0.4),
+        model=SimpleNamespace(residuals=lambda: SimpleNamespace(time=time, white=white)),
+    )
+    spans = live_document(found, 1000.0)["spans"]
+    np.testing.assert_allclose(spans["regime"], [[1006.0, 1009.9]])
+    np.testing.assert_allclose(spans["failing"], [[1006.0, 1008.0]])
+    found.verdict, found.regime = "adequate", None
+    assert live_document(found, 0.0)["spans"] == {"regime": [], "failing": []}
 
 
 def test_noise_that_is_twice_what_is_stated_is_no_missing_effect(streams):

@@ -185,3 +185,54 @@ def test_a_recording_is_scrubbed_with_the_estimate_after_each_push(tmp_path, mon
     assert (after.remark, after.good) == ("slides too little", False)
     playback.close()
     assert estimates.lengths[-1] == "closed"
+
+
+def asked_of_pushes(recording, effects=()):
+    """Stands in for an estimate: the error falls from 2 to 1 when the table leans."""
+    if "friction_gradient" in effects:
+        raise NotIdentifiableError("it slides too little")
+    error = 1.0 if effects else 2.0
+    linear = SimpleNamespace(times=np.array([0.5]))
+    question = SimpleNamespace(whitened_rms=error, model=SimpleNamespace(linear=linear))
+    values = {"friction_force_n": (2.0, 0.1), "mass": (0.5, 0.1)}
+    found = PushedEstimate(9, 1.0, values, (), np.eye(4), error)
+    return SimpleNamespace(question=question, found=found)
+
+
+def test_an_effect_that_a_diagnosis_names_is_added_to_a_recording_and_its_error_falls(
+    tmp_path, monkeypatch
+):
+    def compared(question):
+        time = np.arange(0.0, 4.0, 0.1)
+        return SimpleNamespace(
+            answer=SimpleNamespace(intervals=((1.0, 2.0),) if question.whitened_rms > 1 else ()),
+            error_over_time=lambda: (time, np.full(len(time), question.whitened_rms)),
+            regime_spans=list,
+        )
+
+    document = {"group": ["support_tilt", "constant_pull"], "error": {"noise_floor": 0.9}}
+    diagnosed = SimpleNamespace(
+        effect="support_tilt",
+        verdict="ambiguous",
+        to_json=lambda: document | {"sentence": "the table leans"},
+        findings=SimpleNamespace(regimes=[]),
+    )
+    monkeypatch.setattr(push_playback, "Background", Estimates)
+    for name, answer in (
+        ("EstimateOfPushes", asked_of_pushes),
+        ("Comparison", compared),
+        ("Diagnosis", lambda _: diagnosed),
+    ):
+        monkeypatch.setattr(push_playback, name, SimpleNamespace(of=answer))
+    playback = push_playback.PushPlayback(recording(tmp_path))
+    assert playback.diagnose() == "the table leans"
+    state = playback.at(3.0)
+    assert state.missing == ("support_tilt", "constant_pull") and not state.fits
+    assert (state.error, state.floor, state.failing) == (2.0, 0.9, ((1.5, 2.5),))
+    assert state.histories["error"].first == 0.5
+    assert "not added: it slides too little" in playback.add("friction_gradient")
+    assert playback.add("support_tilt") == "support_tilt is added: error 2.00 -> 1.00"
+    state = playback.at(3.0)
+    assert (state.effects, state.missing, state.error) == (("support_tilt",), (), 1.0)
+    assert state.numbers["friction force"] == "2.00 ± 0.10 N"
+    assert state.histories["error"].columns()[1].max() == 1.0 and state.failing == ()

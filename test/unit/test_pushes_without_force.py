@@ -5,14 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.support.compliant_pushes import draw_arms, push_compliantly
 from tactile_dynamics_ros.api.pushed_estimates import EstimateOfPushes
 from tactile_dynamics_ros.api.reading import read_pushed_recording
-from tactile_dynamics_ros.core.errors import NotIdentifiableError
+from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.planar.properties.estimate import estimate
 from tactile_dynamics_ros.core.planar.streams import LinkStream, PushedStreams
-from tactile_dynamics_ros.core.planar.tip import contact_of_tip
+from tactile_dynamics_ros.core.planar.tip import Stiffness, contact_of_tip, felt_by_stiffness
 from tactile_dynamics_ros.recording.bag_writer import write_tables
 from tactile_dynamics_ros.recording.pushed import PushedRecording, writer
+from tactile_dynamics_ros.recording.topics import POSE_STAMPED
 from tactile_dynamics_ros.synthetic.pushed.actions import ActionOptions
 from tactile_dynamics_ros.synthetic.pushed.recordings import PushOptions, generate
 
@@ -129,3 +131,72 @@ def test_a_bag_with_the_pusher_s_pose_in_place_of_contacts_is_read(slow, tmp_pat
     found = recording.streams.contacts[name]
     np.testing.assert_allclose(found.point[:, 2], contact.point[:, 2])
     assert np.median(np.linalg.norm(found.point - contact.point, axis=1)) < 1e-3
+
+
+STATED = Stiffness(np.full(2, 300.0), 0.1)
+
+
+def behind_command(force, zero, drag, mass):
+    """A tip that goes to and fro beside a box, presses it from 2.5 to 4.5 s; its command."""
+    time = np.arange(0.0, 7.0, 0.01)
+    free = 0.03 * np.sin(2.0 * np.pi * time) - 0.09
+    press = np.clip(np.minimum(time - 2.0, 5.0 - time) / 0.5, 0.0, 1.0)
+    press = press**2 * (3.0 - 2.0 * press)
+    x = free * (1.0 - press) - 0.05 * press
+    place = np.column_stack([x, 0.3 * (1.0 - press) * free, np.full(len(time), 0.02)])
+    speed = np.gradient(place[:, :2], time, axis=0)
+    own = zero + drag * speed + mass * np.gradient(speed, time, axis=0)
+    touch = np.where((time > 2.5) & (time < 4.5), 1.0, 0.0)[:, None] * np.array([force, 0.0])
+    target = place.copy()
+    target[:, :2] += (own + touch) / STATED.along
+    noise = 1e-4 * np.random.default_rng(0).normal(size=(len(time), 2))
+    return time, place + np.pad(noise, ((0, 0), (0, 1))), target
+
+
+def test_a_tip_s_force_is_its_lag_without_what_the_arm_itself_takes_up():
+    time, place, target = behind_command(2.0, np.array([0.4, -0.2]), 50.0, 3.0)
+    link = LinkStream(time, np.zeros((len(time), 3)), None, BOX)
+    contact = replace(contact_of_tip(link, time, place), point=place)
+    felt, doubt, mass_std = felt_by_stiffness(link, contact, place, target, STATED)
+    steady = (felt.time > 2.7) & (felt.time < 4.3)
+    np.testing.assert_allclose(felt.force[steady].mean(axis=0), [2.0, 0.0, 0.0], atol=0.1)
+    assert STATED.std < doubt < 1.2 * STATED.std and 0.0 < mass_std < 0.3
+    assert 0.0 < felt.force_std.max() < 0.3
+    with pytest.raises(NotIdentifiableError, match="record approach and retreat"):
+        touching = slice(240, 460)
+        felt_by_stiffness(
+            link,
+            replace(contact, pose_time=time[touching], point=place[touching]),
+            place[touching],
+            target[touching],
+            STATED,
+        )
+
+
+def test_with_a_known_stiffness_the_scale_follows_and_its_doubt_is_in_the_interval(tmp_path):
+    options = PushOptions(actions=ActionOptions(count=3, gap=0.03, speed=(0.05, 0.25)))
+    (found,) = push_compliantly([9415], options, draw_arms([9415], 300.0, STATED.std))
+    turn = np.tile([0.0, 0.0, 0.0, 1.0], (len(found.time), 1))
+    tables = [
+        writer._link(0, found.link, np.eye(3), 10**9),
+        writer._footprint(0, found.link.footprint, 0.0, 10**9),
+    ]
+    followed = [
+        writer._encode(topic, POSE_STAMPED, found.time, np.hstack([path, turn]), 10**9)
+        for topic, path in (
+            (writer.PUSHER_POSE, found.place),
+            (writer.PUSHER_TARGET, found.target),
+        )
+    ]
+    write_tables([*tables, *followed], tmp_path / "bag")
+    recording, (note,) = read_pushed_recording(tmp_path / "bag", stiffness=STATED)
+    assert "are known to 1" in note
+    estimated = estimate(recording)
+    value, std = estimated.values["friction_force_n"]
+    assert abs(value - found.truth["friction_force_n"]) < 3.0 * std
+    assert std > STATED.std * value
+    mass, spread = estimated.values["mass"]
+    assert abs(mass - found.truth["mass"]) < 3.0 * spread
+    write_tables([*tables, followed[0]], tmp_path / "no_command")
+    with pytest.raises(BadInputError, match="/pusher/target is missing"):
+        read_pushed_recording(tmp_path / "no_command", stiffness=STATED)

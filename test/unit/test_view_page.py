@@ -32,7 +32,7 @@ from tactile_dynamics_ros.view.state import (
     Push,
     Quantity,
     State,
-    error_marks,
+    error_columns,
     take_diagnosis,
 )
 
@@ -140,40 +140,77 @@ def test_the_regime_in_which_a_drag_acts_is_shaded_where_it_acts():
 
 
 @pytest.mark.parametrize(
-    ("numbers", "estimator"),
-    [({}, "inertial_estimator"), ({"friction force": "2 N"}, "property_estimator")],
+    ("pushed", "estimator", "offered"),
+    [
+        (False, "inertial_estimator", "sloshing_mass"),
+        (True, "property_estimator", "support_tilt"),
+    ],
 )
-def test_live_an_effect_joins_those_of_the_estimator_that_runs(monkeypatch, numbers, estimator):
-    asked = []
-    monkeypatch.setattr("tactile_dynamics_ros.cli.topics.set_parameter", lambda *a: asked.append(a))
-    control = Control(Namespace(create_publisher=lambda *_: None))
-    offered = []
-    page = Namespace(add_choice=lambda *_: None, allow_adding=offered.append)
-    state = State(effects=("force_bias",), numbers=numbers)
-    control.add_effects(page, state)
+def test_live_an_effect_joins_those_of_the_estimator_that_runs(
+    monkeypatch, pushed, estimator, offered
+):
+    asked, chosen, adding = [], [], []
+    state = State(effects=("force_bias",), pushed=pushed, error=1.9)
+
+    def set_parameter(*what):
+        asked.append(what)
+        state.effects = state.fitted = tuple(what[3])
+        state.error = 1.1
+
+    monkeypatch.setattr("tactile_dynamics_ros.cli.topics.set_parameter", set_parameter)
+    control = Control(Namespace(create_publisher=lambda *_: None), state)
+    page = Namespace(add_choice=lambda *what: chosen.append(what), allow_adding=adding.append)
+    control.add_effects(page)
     assert asked == []
-    assert offered[0]("viscous_drag") == "effects of the model: force_bias, viscous_drag"
-    assert asked[0][1:4] == (estimator, "effects", ["force_bias", "viscous_drag"])
+    assert offered in chosen[0][1]
+    said = adding[0]("tether_spring")
+    assert asked[0][1:4] == (estimator, "effects", ["force_bias", "tether_spring"])
+    assert said == (
+        "tether_spring is added: error 1.90 -> 1.10"
+        if pushed
+        else "effects of the model: force_bias, tether_spring"
+    )
 
 
-def test_a_diagnosis_offers_what_it_names_and_its_floor():
+def test_a_fit_with_an_added_effect_that_came_to_no_end_is_said(monkeypatch):
+    state = State(pushed=True, error=1.9)
+
+    def set_parameter(*what):
+        state.effects, state.refused = tuple(what[3]), "it slides too little"
+
+    monkeypatch.setattr("tactile_dynamics_ros.cli.topics.set_parameter", set_parameter)
+    control = Control(Namespace(create_publisher=lambda *_: None), state)
+    assert control.add("support_tilt").endswith("without a fit: it slides too little")
+
+
+def test_a_diagnosis_offers_what_it_names_its_floor_and_when_it_acts():
     found = {"noise_floor": 0.97, "effect": "", "group": "force_bias,unsensed_contact"}
+    found |= {"regime": "[[12.0, 14.0]]", "failing": "[]"}
     state = State()
-    take_diagnosis(state, [status_message("diagnosis", found, message="one of two")])
+    take_diagnosis(state, [status_message("diagnosis", found, message="one of two")], 10.0)
     assert state.missing == ("force_bias", "unsensed_contact") and state.floor == 0.97
+    assert state.regimes == ((2.0, 4.0),) and state.failing == ()
     take_diagnosis(state, [status_message("diagnosis", {"effect": "viscous_drag[z<0.42]"})])
     assert state.missing == ("viscous_drag[z<0.42]",) and state.floor == 1.0
 
 
-def test_marks_of_the_error_are_its_floor_and_shades_of_regimes_and_failures():
-    state = State(floor=0.9, regimes=((2.0, 4.0),), failing=((6.0, 7.0), (9.0, 9.5)))
-    time = np.arange(10.0)
-    floor, regime, fails = error_marks((time, 1.0 + 0.1 * time), state)
+def test_the_chart_of_the_error_has_its_floor_and_shades_between_its_points():
+    state = State(floor=0.9, regimes=((102.0, 104.0),), failing=((106.0, 107.0), (109.0, 120.0)))
+    for time, error in ((100.0, 2.0), (105.0, 2.0), (108.0, 2.0), (110.0, 1.0)):
+        state.note("error", time, error)
+    history = state.histories["error"]
+    assert list(history.columns()[0]) == [0.0, 8.0, 10.0]  # a value that stays is two points
+    assert history.columns()[1].max() == 2.0  # and is not cut off
+    time, error, _, _, floor, regime, fails = error_columns(history, state)
     np.testing.assert_array_equal(floor, 0.9)
-    np.testing.assert_array_equal(np.flatnonzero(regime), [2, 3, 4])
-    np.testing.assert_array_equal(np.flatnonzero(fails), [6, 7, 9])
-    assert regime.max() == pytest.approx(1.9)
-    assert not next(iter([*error_marks((time, time), State())][1:])).any()
+    np.testing.assert_allclose(error, np.interp(time, [0.0, 8.0, 10.0], [2.0, 2.0, 1.0]))
+    for shade, spans in ((regime, [(2, 4)]), (fails, [(6, 7), (9, 10)])):
+        inside = np.any([(time >= a) & (time <= b) for a, b in spans], axis=0)
+        np.testing.assert_array_equal(shade, 2.0 * inside)
+        area = np.diff(time) @ (shade[1:] + shade[:-1]) / 2.0
+        assert area == pytest.approx(2.0 * sum(b - a for a, b in spans), abs=0.01)
+    assert not error_columns(history, State())[-1].any()
+    assert error_columns(History(), state)[0].size == 0
 
 
 def get(address, **headers):

@@ -148,7 +148,7 @@ def compare(
     assessment = judgement.assessment
     residuals = model.residuals()
     rms = np.sqrt(np.mean(residuals.white**2, axis=0))
-    intervals = () if adequate else _failing_intervals(residuals)
+    intervals = () if adequate else failing_intervals(residuals)
     return Comparison(
         assessment=assessment,
         adequate=adequate,
@@ -214,7 +214,7 @@ def _subsets(condition: Condition) -> list[tuple[str, NDArray[np.bool_]]]:
     ]
 
 
-def _failing_intervals(residuals: Residuals) -> tuple[tuple[float, float], ...]:
+def failing_intervals(residuals: Residuals) -> tuple[tuple[float, float], ...]:
     """Stretches of seconds whose RMS exceeds 1.5 times the median, neighbours joined."""
     index = window_index(residuals.time, _WINDOW)
     square = np.bincount(index, (residuals.white**2).mean(axis=1))

@@ -12,7 +12,9 @@ import numpy as np
 
 from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.core.discrepancy.documents import Document
+from tactile_dynamics_ros.core.discrepancy.comparison import failing_intervals
+from tactile_dynamics_ros.core.discrepancy.diagnosis import Diagnosis
+from tactile_dynamics_ros.core.discrepancy.documents import Document, diagnosis_document
 from tactile_dynamics_ros.core.errors import BadInputError
 
 
@@ -41,6 +43,21 @@ class LiveComparison:
     time: Array
     residual: Array
     whitened_rms: float
+
+
+def live_document(diagnosis: Diagnosis, start: float) -> Document:
+    """The document of `diagnose`, and when the effect acts and the model fails.
+
+    Args:
+        diagnosis: of a model of live measurements.
+        start: stamp of the time zero of its residuals, s.
+    """
+    residuals, regime = diagnosis.model.residuals(), diagnosis.regime
+    acts = regime.spans(residuals.time) if regime else ()
+    fails = () if diagnosis.verdict == "adequate" else failing_intervals(residuals)
+    spans = {"regime": acts, "failing": fails}
+    stamped = {name: [[a + start, b + start] for a, b in each] for name, each in spans.items()}
+    return diagnosis_document(diagnosis) | {"spans": stamped}
 
 
 Measured = TypeVar("Measured")

@@ -51,6 +51,8 @@ def join_pushes(parts: Sequence[PushedStreams]) -> PushedStreams:
             for name in names
         },
         session_starts=tuple(starts),
+        force_doubt=max(part.force_doubt for part in parts),
+        mass_doubt=max(part.mass_doubt for part in parts),
         pusher_time=None,
         pusher_yaw=None,
     )

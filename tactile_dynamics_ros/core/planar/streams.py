@@ -118,6 +118,8 @@ class PushedStreams:
         com_height_std: m, of each.
         pusher_time: (K,) s. pusher_yaw: (K,) rad, of the pusher's axes, in which its sensors may
             err; None if not recorded.
+        force_doubt: relative std of all forces together, as of a robot's stiffness. mass_doubt: kg,
+            std of a mass that moves with the object and is in the forces, as of a robot's tip.
         session_starts: s, when each of several recordings begins that are joined; empty for one.
     """
 
@@ -129,6 +131,8 @@ class PushedStreams:
     pusher_time: Array | None = None
     pusher_yaw: Array | None = None
     session_starts: tuple[float, ...] = ()
+    force_doubt: float = 0.0
+    mass_doubt: float = 0.0
 
     @property
     def feels(self) -> bool:

@@ -15,7 +15,7 @@ from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.planar.joining import join_pushes
 from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, PushedStreams
-from tactile_dynamics_ros.core.planar.tip import contact_of_tip
+from tactile_dynamics_ros.core.planar.tip import Stiffness, contact_of_tip, felt_by_stiffness
 from tactile_dynamics_ros.core.rigid_body.rotation import quaternion_to_matrix
 from tactile_dynamics_ros.core.streams.streams import PoseStream
 from tactile_dynamics_ros.recording import topics
@@ -69,6 +69,7 @@ class PushedRecording:
         remap: Mapping[str, str | Sequence[str]] | None = None,
         namespace: str | None = None,
         world_frame: str | None = None,
+        stiffness: Stiffness | None = None,
     ) -> PushedRecording:
         """Read a rosbag2 recording; links and contacts are discovered from its topics.
 
@@ -77,10 +78,13 @@ class PushedRecording:
             remap: recorded topic names and the name, or names, that they stand for.
             namespace: of the topics that are read; root if None, or the only one there is.
             world_frame: frame of the poses, z up, if it is not `world` or a robot's base.
+            stiffness: of a robot without force sensor, whose `/pusher/target` was recorded too.
 
         Raises:
             BadInputError: the files cannot be read, pose or footprint of a link is missing, a topic
-                is in another frame, or several namespaces could be meant.
+                is in another frame, several namespaces could be meant, or a stiffness is given
+                beside forces, without commands, or for two parts.
+            NotIdentifiableError: a stiffness is given, and the tip hardly moves freely.
         """
         recorded = RecordedNames(dict(remap or {}), namespace, names.NEEDED, names.suffice)
         bag, source = read_tables(Path(path), recorded.may_be_needed), str(path)
@@ -95,7 +99,7 @@ class PushedRecording:
             if bag.types.get(topic) == names.POLYGON_STAMPED:
                 corners = _outlines(Path(path), recorded.recorded(topic, chosen))
                 outlines |= {k: corners[-1]} if corners else {}
-        found = _Assembly(bag, source, frames, outlines).recording()
+        found = _Assembly(bag, source, frames, outlines, stiffness).recording()
         return replace(found, file=Path(path), namespace=chosen)
 
     @classmethod
@@ -207,8 +211,14 @@ class _Assembly:
     """Builds the streams of one recording from its decoded topics."""
 
     def __init__(
-        self, bag: BagTables, source: str, frames: Frames, outlines: Mapping[int, Array]
+        self,
+        bag: BagTables,
+        source: str,
+        frames: Frames,
+        outlines: Mapping[int, Array],
+        stiffness: Stiffness | None = None,
     ) -> None:
+        self._stiffness = stiffness
         self._bag, self._source, self._log = bag, source, ProblemLog(bag.problems)
         self._frames, self._outlines = frames, outlines
         self._links = names.links_of(bag.tables)
@@ -235,26 +245,53 @@ class _Assembly:
     def recording(self) -> PushedRecording:
         """Return the recording with everything on the support."""
         links = tuple(self._link(k) for k in range(self._links))
-        contacts, pusher = self._contacts(), self._pusher()
-        time = yaw = None
+        contacts, pusher = self._contacts(), self._followed(names.PUSHER_POSE)
+        time, yaw, doubts = None, None, (0.0, 0.0)
         if pusher is not None:
             time, turn = pusher.time, self._support.R_WS.T @ pusher.rotation
             yaw = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
             if not contacts:
                 place = (pusher.position - self._support.place) @ self._support.R_WS
                 contacts = {"pusher": contact_of_tip(links[0], time, place)}
+                if self._stiffness is not None and len(links) == 1:
+                    target = self._target(time)
+                    felt, *doubts = felt_by_stiffness(
+                        links[0], contacts["pusher"], place, target, self._stiffness
+                    )
+                    contacts = {"pusher": felt}
+        if self._stiffness is not None and not doubts[0]:
+            raise BadInputError(
+                f"{self._source}: a stiffness is for one part, {names.PUSHER_POSE} without contacts"
+            )
         streams = PushedStreams(
-            links, contacts, self._support.gravity, pusher_time=time, pusher_yaw=yaw
+            links,
+            contacts,
+            self._support.gravity,
+            pusher_time=time,
+            pusher_yaw=yaw,
+            force_doubt=doubts[0],
+            mass_doubt=doubts[1],
         )
         return PushedRecording(streams, self._source, dict(self._log), self._clock.epoch_ns)
 
-    def _pusher(self) -> PoseStream | None:
-        """Return the poses of the pusher, or nothing."""
-        table = self._world(names.PUSHER_POSE)
+    def _followed(self, topic: str) -> PoseStream | None:
+        """Return the poses of the pusher or of its commands, or nothing."""
+        table = self._world(topic)
         if table is None:
             return None
-        columns = topics.pose_columns(names.PUSHER_POSE, table, self._clock)
+        columns = topics.pose_columns(topic, table, self._clock)
         return assemble_pose(columns, self._log, planar=True)
+
+    def _target(self, time: Array) -> Array:
+        """Return the commanded places (K, 3) of the pusher at times, m, on the support."""
+        commanded = self._followed(names.PUSHER_TARGET)
+        if commanded is None:
+            raise BadInputError(
+                f"{self._source}: {names.PUSHER_TARGET} is missing; a stiffness needs the "
+                "commanded pose of the tip"
+            )
+        place = (commanded.position - self._support.place) @ self._support.R_WS
+        return np.stack([np.interp(time, commanded.time, part) for part in place.T], axis=1)
 
     def _link(self, k: int) -> LinkStream:
         topic = names.link_topic(k, "pose")

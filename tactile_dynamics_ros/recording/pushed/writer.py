@@ -18,10 +18,10 @@ from tactile_dynamics_ros.recording.bag_writer import Table, encode_table, write
 from tactile_dynamics_ros.recording.pushed import writer as names
 
 SUPPORT_POSE = "/support/pose"
-PUSHER_POSE = "/pusher/pose"
+PUSHER_POSE, PUSHER_TARGET = "/pusher/pose", "/pusher/target"
 POLYGON_STAMPED = "geometry_msgs/msg/PolygonStamped"
 NEEDED = re.compile(
-    rf"/object(/link_\d+)?/(pose|footprint)|{SUPPORT_POSE}|{PUSHER_POSE}"
+    rf"/object(/link_\d+)?/(pose|footprint)|{SUPPORT_POSE}|{PUSHER_POSE}|{PUSHER_TARGET}"
     r"|/contact/[^/]+/(force|force_std|pose)"
 )
 """Topics that a recording of a pushed object is made of."""

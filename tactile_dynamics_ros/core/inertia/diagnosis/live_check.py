@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from tactile_dynamics_ros.core.discrepancy.diagnosis import Diagnosis, diagnose
-from tactile_dynamics_ros.core.discrepancy.documents import Document, diagnosis_document
+from tactile_dynamics_ros.core.discrepancy.documents import Document
 from tactile_dynamics_ros.core.discrepancy.explanation import ask_twice
-from tactile_dynamics_ros.core.discrepancy.live_check import LiveComparison
+from tactile_dynamics_ros.core.discrepancy.live_check import LiveComparison, live_document
 from tactile_dynamics_ros.core.effects.registry import create_effects
 from tactile_dynamics_ros.core.effects.sensor_zero import with_zero
 from tactile_dynamics_ros.core.inertia.batch.averaging import averaged
@@ -58,7 +59,7 @@ def diagnose_streams(streams: Streams, effects: Sequence[str]) -> Document:
     Raises:
         BadInputError: contacts and motion are missing or do not overlap.
     """
-    return diagnosis_document(_diagnosis(streams, effects))
+    return _document(_diagnosis(streams, effects))
 
 
 def learn_from_streams(streams: Streams, effects: Sequence[str], folder: Path) -> Document:
@@ -73,7 +74,7 @@ def learn_from_streams(streams: Streams, effects: Sequence[str], folder: Path) -
         BadInputError: contacts and motion are missing or do not overlap.
     """
     answer = _diagnosis(streams, effects)
-    document = diagnosis_document(answer)
+    document = _document(answer)
     folder.mkdir(parents=True, exist_ok=True)
     document |= learn_file(answer, folder / f"law_{datetime.now(UTC):%Y%m%d_%H%M%S}.yaml")
     if document["verdict"] != "unexplained":
@@ -81,6 +82,12 @@ def learn_from_streams(streams: Streams, effects: Sequence[str], folder: Path) -
     learnt = document["law"]
     said = learnt["sentence"] if learnt else f"No law is learnt: {document['nothing_learnt']}."
     return document | {"sentence": f"{document['sentence']} {said}"}
+
+
+def _document(answer: Diagnosis) -> Document:
+    """The document of a diagnosis, with when the effect acts and the model fails."""
+    model: Any = answer.model
+    return live_document(answer, model.fitted.stretches[0].problem.start)
 
 
 def _diagnosis(streams: Streams, effects: Sequence[str]) -> Diagnosis:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -335,8 +336,11 @@ def _named(name: str) -> tuple[str, str]:
     return (stem, f" of part {part}") if part.isdigit() else (name, "")
 
 
-def next_choice(
-    explorer: Explorer, belief: Belief, pose: Array, others: Others = ()
-) -> tuple[Explorer, Choice | str]:
-    """Choose in another process: return the explorer as it is afterwards, and its choice."""
-    return explorer, explorer.choose(belief, pose, others)
+def next_choice(explorer: Any, *known: Any) -> tuple[Any, Choice | str]:
+    """Choose in another process: return the explorer as it is afterwards, and its choice.
+
+    Args:
+        explorer: of one part or of two.
+        known: what its `choose` takes.
+    """
+    return explorer, explorer.choose(*known)

@@ -326,16 +326,6 @@ class PairExplorer:
         return "; ".join(reasons)
 
 
-def next_push(
-    explorer: PairExplorer,
-    found: dict[str, Any] | None,
-    beliefs: Sequence[Belief],
-    poses: Array,
-) -> tuple[PairExplorer, Choice | str]:
-    """Choose in another process: return the explorer as it is afterwards, and its choice."""
-    return explorer, explorer.choose(found, beliefs, poses)
-
-
 def pair_belief(
     found: dict[str, Any] | None, beliefs: Sequence[Belief], pair: PredictedPair
 ) -> Belief:

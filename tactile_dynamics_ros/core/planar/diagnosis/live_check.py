@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
-from tactile_dynamics_ros.core.discrepancy.documents import Document, diagnosis_document
-from tactile_dynamics_ros.core.discrepancy.live_check import LiveComparison
+from tactile_dynamics_ros.core.discrepancy.documents import Document
+from tactile_dynamics_ros.core.discrepancy.live_check import LiveComparison, live_document
 from tactile_dynamics_ros.core.planar.diagnosis.discrepancy_model import PushDiscrepancy
 from tactile_dynamics_ros.core.planar.streams import PushedStreams
 
@@ -43,4 +43,5 @@ def diagnose_pushes(streams: PushedStreams, effects: Sequence[str]) -> Document:
         BadInputError: nothing is touched, or an effect is unknown.
         NotIdentifiableError: nothing slides long enough.
     """
-    return diagnosis_document(diagnose(PushDiscrepancy.of_streams(streams, effects)))
+    model = PushDiscrepancy.of_streams(streams, effects)
+    return live_document(diagnose(model), float(model.linear.times[0]))

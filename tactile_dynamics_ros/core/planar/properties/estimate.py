@@ -50,7 +50,8 @@ _SLOW = 0.1
 third of what friction of 0.3 does, from 0.2 m/s twice as much, and inertia is not in that model."""
 NO_FORCE = (
     "no force was measured: poses tell the centre of mass and how friction is spread, free slides "
-    "the friction coefficient; mass, friction force and inertia share a factor that nothing tells"
+    "the friction coefficient; mass, friction force and inertia share a factor that nothing tells "
+    "(the robot's --stiffness would, where /pusher/target was recorded)"
 )
 """What is said of a recording of poses alone."""
 _SPARSE_RATE = 5.0
@@ -283,8 +284,9 @@ def _of_dense(fit: PushFit, streams: PushedStreams, patch: SupportPatch) -> Push
     here = fit.covariance[np.ix_(chosen, chosen)]
     elsewhere = np.diag(np.array([*fit.place_std, 0.0])[[0, 3, 1, 2]] ** 2)
     at, late = NAMES.index("ln_inertia"), NAMES.index("delay")
-    covariance = here + elsewhere
     common = fit.common[chosen]
+    here = _doubted(here, streams, float(np.exp(common[1])))
+    covariance = here + elsewhere
     lost = fit.mass_is_bound or fit.whitened_rms > ASTRAY
     if fit.model.intervals.step > COARSE or lost:
         here, covariance = _without_mass(here), _without_mass(covariance)
@@ -319,7 +321,7 @@ def _of_sparse(fit: SparseFit, streams: PushedStreams, patch: SupportPatch) -> P
             "and the pusher's path"
         )
     chosen = [SPARSE_NAMES.index(n) for n in ("ln_product", "ln_mass", "com_x", "com_y")]
-    covariance = _without_mass(fit.covariance[np.ix_(chosen, chosen)])
+    covariance = _without_mass(_doubted(fit.covariance[np.ix_(chosen, chosen)], streams, 1.0))
     at = SPARSE_NAMES.index("ln_scale")
     centre = fit.values[chosen[2:]] - patch.centroid
     values = _values(
@@ -381,6 +383,14 @@ def _of_paths(streams: PushedStreams, patch: SupportPatch) -> PushedEstimate:
         covariance=fit.covariance[np.ix_(chosen, chosen)],
         error=fit.residual_rms,
     )
+
+
+def _doubted(covariance: Array, streams: PushedStreams, mass: float) -> Array:
+    """The covariance with doubts of forces, which friction and mass share, and of mass (kg)."""
+    out = covariance.copy()
+    out[:2, :2] += streams.force_doubt**2
+    out[1, 1] += (streams.mass_doubt / mass) ** 2
+    return out
 
 
 def _without_mass(covariance: Array) -> Array:
