@@ -2,9 +2,11 @@
 
 The verbs of the command from Python: `read`, `read_wrist`, `check`, `estimate`, `compare`,
 `diagnose`, `explain`, `shape` (`docs/python.md`), and the types of what they take and return. They
-are imported when they are first asked for.
+are imported when they are first asked for. Matrices here are small: BLAS takes one thread, unless
+the environment says otherwise or numpy is already loaded.
 """
 
+import os
 from typing import TYPE_CHECKING, Any
 
 from tactile_dynamics_ros.version import __version__
@@ -31,6 +33,9 @@ if TYPE_CHECKING:
     from tactile_dynamics_ros.recording import Recording
     from tactile_dynamics_ros.recording.joints import JointRecording
     from tactile_dynamics_ros.recording.pushed import PushedRecording
+
+for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(_threads, "1")
 
 _MODULES = {
     "Check": "api.checks",
