@@ -34,6 +34,7 @@ from tactile_dynamics_ros.core.inertia.residuals.rigid_grasp import displacement
 from tactile_dynamics_ros.core.inertia.residuals.systematic import (
     PresumedErrors,
     lasting_basis,
+    states_shares,
     systematic_lever,
     with_gains,
 )
@@ -243,7 +244,15 @@ class FittedModel:
             self.white_lasting_errors,
             self.white_residual,
             self.load,
+            prior if self._states_shares else None,
         )
+
+    @property
+    def _states_shares(self) -> bool:
+        """Whether this is a body alone, held by sensors that state shares of their load."""
+        contacts = self.stretches[0].problem.raw.contacts
+        stated = [contact.signals["force"].noise_factor for contact in contacts]
+        return not self.effects and states_shares([contact.force for contact in contacts], stated)
 
     @property
     def corrected_wrench(self) -> Array:
