@@ -20,8 +20,7 @@ estimate of one recording state alike.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import ndtri, stdtrit
@@ -73,7 +72,7 @@ _USUAL = np.array([np.inf, np.inf, 0.1, 0.005, 0.1])
 the 5 mm of a fingertip's patch for places; constant wrenches may be anything. Without them gains of
 300 % were presumed in the simulated hand where places explain what remains. Smaller ones hold gains
 of 20 % back, larger ones let kinds trade places where few numbers show them."""
-_FINGERTIPS = np.array([0.01, 0.003, 0.03, 0.001, 0.015])
+_FINGERTIPS = np.array([0.015, 0.006, 0.03, 0.0015, 0.015])
 """Standard deviations of each kind of errors of sensors that state shares of their load: wrenches
 of the body and forces of the world over the load, gains, places in m, and mixed axes. Only their
 proportions matter where data say how large. In the simulated hand (16 recordings, hands 101 to 105)
@@ -83,10 +82,6 @@ _ALIKE = 9.0
 """Samples that tell as much of lasting errors as one alone, of such sensors: what remains of
 fingertips is alike for a tenth of a second. At 1 everything that remains is taken to last, and
 intervals are a third wider; at 30 11 of 320 are off by more than 3 standard deviations."""
-_SHARED = 0.5
-"""Share of the stated noise that grows with the load from which sensors count as such: calibrated
-fingertips have 0.7 to 1, sensors of constant noise 0, or 0.1 by chance where few samples are
-averaged. Any bound between does the same."""
 _QUANTILE = 0.95
 """Quantile of Student's t at which few gains are made up for: that of two-sided 90 % intervals, as
 the product states them. A higher one widens intervals of few gains more: Student's tails differ the
@@ -165,23 +160,6 @@ def with_gains(columns: int) -> Array:
     places, mixed = (part.reshape(columns, -1) for part in np.split(by_sensor, [3], axis=2))
     gains = np.trace(mixed.reshape(columns, -1, 3, 3), axis1=2, axis2=3)
     return np.concatenate([every[:, :SYSTEMATIC_SIZE], gains, places, mixed], axis=1)
-
-
-def states_shares(loads: Sequence[Array], stated: Sequence[Array]) -> bool:
-    """Whether the noise that sensors state grows with what they carry.
-
-    Args:
-        loads: (K, 3) N, forces of each sensor while it carries any.
-        stated: (K, ..) the standard deviations that it states of them.
-    """
-    shares = []
-    for force, std in zip(loads, stated, strict=True):
-        load = np.linalg.norm(force, axis=1)
-        noise = np.linalg.norm(std.reshape(len(load), -1), axis=1)
-        if len(load) > 1 and (spread := float(np.var(load))) > 0.0:
-            slope = float(np.mean((load - load.mean()) * (noise - noise.mean()))) / spread
-            shares.append(slope * load.mean() / max(noise.mean(), _TINY))
-    return len(shares) > 0 and float(np.mean(shares)) > _SHARED
 
 
 def fingertip_variances(mixing: Array, white: Array, load: float) -> Array:
@@ -313,6 +291,10 @@ class PresumedErrors:
     spread: Array
     covariance: Array
 
+    def mapped(self, mapping: Array) -> PresumedErrors:
+        """The same on other parameters, by their derivative (p, p) where it was found."""
+        return replace(self, covariance=np.asarray(mapping @ self.covariance @ mapping.T))
+
     @classmethod
     def find(
         cls,
@@ -337,18 +319,15 @@ class PresumedErrors:
         by_error = inverse @ cross
         beside = gram - cross.T @ by_error
         mixing, white = _shown(gram, beside, score)
-        fingertips = prior is not None and gram.shape[0] > SYSTEMATIC_SIZE
-        if fingertips:
-            explanations = [(1.0, fingertip_variances(mixing, white, load))]
-        else:
+        if prior is None:
             explanations = systematic_variances(mixing, white)
-        moment = np.zeros_like(gram)
-        for weight, variances in explanations:
-            known = np.diag(variances) if fingertips else _second_moment(variances, mixing, white)
-            moment += weight * known
+            parts = [weight * _second_moment(v, mixing, white) for weight, v in explanations]
+            probable, moment = explanations[0][1], np.sum(parts, axis=0)
+        else:
+            probable = fingertip_variances(mixing, white, load)
+            moment = np.diag(probable)
         granted = np.zeros(len(gram))
-        probable = explanations[0][1][:_BODY_SIZE]
-        granted[:_BODY_SIZE] = np.minimum(probable, (_GRANTED * load) ** 2)
+        granted[:_BODY_SIZE] = np.minimum(probable[:_BODY_SIZE], (_GRANTED * load) ** 2)
         corrected, posterior = _posterior(granted, mixing, white)
         spread = np.sqrt(np.diag(posterior))
         covariance = np.asarray(by_error @ moment @ by_error.T)
