@@ -24,6 +24,7 @@ def render(results: dict[str, Any]) -> str:
         "excitation": _excitation,
         "wrist_ft": _wrist,
         "in_hand": _in_hand,
+        "hand_intervals": _hand_intervals,
     }
     parts = [write(results[name]) for name, write in writers.items() if name in results]
     return "\n\n".join([_verdicts(results), *parts])
@@ -267,6 +268,22 @@ def _in_hand(result: dict[str, Any]) -> str:
         + _box_table(result["rows"], ("paper", "paper's method here", "ours", "live"))
         + _single_runs(result)
         + _by_vision(result)
+    )
+
+
+def _hand_intervals(result: dict[str, Any]) -> str:
+    kinds = ("live", "offline", "shaped_live", "shaped_offline")
+    rows = [
+        [motion, str(row["runs"])]
+        + [f"{100 * row[k]['coverage']:.0f} %, {row[k]['largest']:.1f}" for k in kinds]
+        + [f"{100 * row[f'alike_{k}']:.0f} %" for k in ("motion", "shape")]
+        for motion, row in result.items()
+    ]
+    header = ["motion", "runs", *(kind.replace("shaped_", "with the shape, ") for kind in kinds)]
+    return (
+        "### Intervals of 90 % in the simulated hand that hold, and the largest error in standard "
+        "deviations; standard deviations that are within 20 % of each other live and offline\n\n"
+        + _table([*header, "alike", "alike with the shape"], rows)
     )
 
 

@@ -14,7 +14,9 @@ from benchmarks.inertia.scenarios import four_fingers
 from benchmarks.support.live_replay import replay_streams
 from tactile_dynamics_ros.core.effects.check import example_samples
 from tactile_dynamics_ros.core.inertia.batch.batch import fit_recording
+from tactile_dynamics_ros.core.inertia.batch.fitting import fit_corrected
 from tactile_dynamics_ros.core.inertia.estimate import estimate as estimate_body
+from tactile_dynamics_ros.core.inertia.residuals.stated_noise import states_shares
 from tactile_dynamics_ros.core.inertia.residuals.systematic import (
     SYSTEMATIC_SIZE,
     PresumedErrors,
@@ -234,3 +236,49 @@ def test_the_estimate_does_not_leap_where_a_finger_has_a_lasting_error():
     stds = np.array([estimate.parameter_std[4:7] for estimate in told])
     leaps = np.abs(np.diff(moments, axis=0)) / np.minimum(stds[1:], stds[:-1])
     assert leaps.max() < 30.0
+
+
+def test_sensors_whose_noise_grows_with_their_load_are_told_from_others():
+    rng = np.random.default_rng(3)
+    loads = [f * (1.0 + 0.1 * rng.normal(size=(200, 3))) for f in (1.0, 3.0)]
+    calibrated = [0.005 + 0.03 * np.linalg.norm(load, axis=1) for load in loads]
+    averaged = [0.03 / np.sqrt(rng.integers(9, 12, (200, 1))) * np.ones(3) for _ in loads]
+    assert states_shares(loads, calibrated)
+    assert not states_shares(loads, [0.03 * np.ones((200, 3)) for _ in loads])
+    assert not states_shares(loads, averaged)
+    assert not states_shares([], [])
+
+
+@pytest.mark.parametrize("size", [0.5, 2.0])
+def test_errors_of_fingertips_are_covered_at_any_size(size):
+    """Of usual proportions; data a little different say a little different, as live and offline."""
+    inside, leaps, four = [], [], example_samples()
+    columns = lasting_basis(four, 0.05)
+    basis = (columns @ with_gains(columns.shape[2])).reshape(-1, SYSTEMATIC_SIZE + 52) / 0.01
+    usual = np.repeat([0.015, 0.006, 0.03, 0.0015, 0.015], [6, 3, 4, 12, 36])
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        jacobian = basis @ (usual[:, None] * rng.normal(size=(61, 4)))
+        measured = basis @ (size * usual * rng.normal(size=61))
+        measured += 3.0 * size * rng.normal(size=len(basis))  # nine samples are alike
+        inverse, prior = np.linalg.inv(jacobian.T @ jacobian + 1e-6 * np.eye(4)), 1e-6 * np.eye(4)
+        found = []
+        for noise in (0.0, 0.3):
+            seen = measured + noise * size * rng.normal(size=len(basis))
+            shift = -inverse @ jacobian.T @ seen
+            rows = inverse, jacobian, basis, seen + jacobian @ shift, LOAD
+            added = PresumedErrors.of_rows(*rows, prior).covariance
+            found.append(np.sqrt(np.diag(9.0 * size**2 * inverse + added)))
+        inside.append(np.abs(shift) < 1.645 * found[1])
+        leaps.append(np.abs(np.log(found[1] / found[0])))
+    assert 0.8 < np.mean(inside) < 0.98
+    assert np.max(leaps) < np.log(1.2)
+
+
+def test_what_lasting_errors_do_is_told_where_they_were_found():
+    """A correction moves the coordinates of a thin body, not what errors shift its moments by."""
+    streams = with_a_finger_off(four_fingers(1100, 4.0))
+    model = fit_recording(streams)
+    found = fit_corrected(model)
+    assert found.corrected.errors.any()
+    np.testing.assert_allclose(found.lasting_covariance, model.lasting_covariance)

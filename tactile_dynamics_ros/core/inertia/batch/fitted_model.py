@@ -31,6 +31,7 @@ from tactile_dynamics_ros.core.inertia.residuals.newton_euler_residual import (
     WrenchProblem,
 )
 from tactile_dynamics_ros.core.inertia.residuals.rigid_grasp import displacement_jacobian
+from tactile_dynamics_ros.core.inertia.residuals.stated_noise import states_shares
 from tactile_dynamics_ros.core.inertia.residuals.systematic import (
     PresumedErrors,
     lasting_basis,
@@ -222,9 +223,7 @@ class FittedModel:
     @cached_property
     def lasting_covariance(self) -> Array:
         """(10 + k, 10 + k) part of `covariance` that lasting errors of the sensors make."""
-        mapping = self.coordinate_jacobian
-        lasting = (self.corrected or self.presumed_errors).covariance
-        return np.asarray(mapping @ lasting @ mapping.T)
+        return (self.corrected or self.presumed_errors).covariance
 
     def _unseen_gain(self, covariance: Array) -> float:
         """Standard deviation of a gain common to all sensors that an effect may have, unseen."""
@@ -238,16 +237,25 @@ class FittedModel:
 
     @cached_property
     def presumed_errors(self) -> PresumedErrors:
-        """Lasting errors that the residuals show, on [xi, theta]."""
+        """Lasting errors that the residuals show, on [phi, theta]."""
         data, prior = self.coordinate_information
         rows = self.white_jacobian @ self.coordinate_jacobian @ self._excited_projection.T
-        return PresumedErrors.of_rows(
+        found = PresumedErrors.of_rows(
             np.asarray(np.linalg.inv(data + prior)),
             rows,
             self.white_lasting_errors,
             self.white_residual,
             self.load,
+            prior if self._states_shares else None,
         )
+        return found.mapped(self.coordinate_jacobian)
+
+    @property
+    def _states_shares(self) -> bool:
+        """Whether this is a body alone, held by sensors that state shares of their load."""
+        contacts = self.stretches[0].problem.raw.contacts
+        stated = [contact.signals["force"].noise_factor for contact in contacts]
+        return not self.effects and states_shares([contact.force for contact in contacts], stated)
 
     @property
     def corrected_wrench(self) -> Array:

@@ -28,7 +28,11 @@ from tactile_dynamics_ros.core.inertia.live.pipeline import Judge, WhiteningPipe
 from tactile_dynamics_ros.core.inertia.live.residuals import denoise_motion
 from tactile_dynamics_ros.core.inertia.live.sample_stream import Layout, SampleStream
 from tactile_dynamics_ros.core.inertia.live.solver import DivergencePrior, SummarySolver
-from tactile_dynamics_ros.core.inertia.residuals.systematic import PresumedErrors, systematic_lever
+from tactile_dynamics_ros.core.inertia.residuals.stated_noise import states_shares
+from tactile_dynamics_ros.core.inertia.residuals.systematic import (
+    PresumedErrors,
+    systematic_lever,
+)
 from tactile_dynamics_ros.core.inertia.shape_weighing import Seen, beyond_noise
 from tactile_dynamics_ros.core.rigid_body.inertial_parameters import (
     dynamic_parameters_from_log_cholesky,
@@ -189,11 +193,6 @@ class Accumulation:
         """Information of the data, without that of noise, and of the prior on xi."""
         return self._knowledge().data, self._knowledge().prior
 
-    @property
-    def mapping(self) -> Array:
-        """Derivative (10, 10) of phi by xi, of a body that is not flat."""
-        return self._knowledge().mapping
-
     def _knowledge(self) -> _Knowledge:
         """What follows from the present summary; kept until it changes."""
         if self._known is None:
@@ -213,11 +212,16 @@ class Accumulation:
         return _Knowledge(data, prior, np.asarray(bread @ filling @ bread.T), mapping, kept)
 
     def presume_lasting_errors(self) -> PresumedErrors:
-        """Lasting errors that the residuals show, on xi."""
+        """Lasting errors that the residuals show, on phi."""
         known = self._knowledge()
         load = float(self.phi[0] * np.linalg.norm(GRAVITY_W))
         inverse = np.asarray(np.linalg.inv(known.data + known.prior))
-        return self.lasting.presume(self.phi, inverse, known.excited, load)
+        rows = self._stream.contacts(self._stream.first, self.next)
+        held = [(rows.in_contact[:, k], k) for k in range(len(rows.names))]
+        fingertips = states_shares([rows.force[h] for h in held], [rows.std[h] for h in held])
+        prior = self._prior.information if fingertips else None
+        found = self.lasting.presume(self.phi, inverse, known.excited, load, prior)
+        return found.mapped(known.mapping)
 
     def corrected(self, errors: Array) -> Array:
         """Coordinates xi (10,) of the estimate without these lasting errors (q,)."""

@@ -169,7 +169,9 @@ class LastingErrors:
         self._gram[held, held] += basis.T @ basis
         self._target[held] += basis.T @ target
 
-    def presume(self, state: Array, inverse: Array, mapping: Array, load: float) -> PresumedErrors:
+    def presume(
+        self, state: Array, inverse: Array, mapping: Array, load: float, prior: Array | None
+    ) -> PresumedErrors:
         """Find what lasting errors do to an estimate in other coordinates.
 
         Args:
@@ -177,12 +179,14 @@ class LastingErrors:
             inverse: (n, n) inverse of the information of data and prior on its coordinates.
             mapping: (n, n) derivative of the state by these.
             load: weight of the body, N.
+            prior: (n, n) see `PresumedErrors.find`.
         """
         errors = with_gains(len(self._target))
         remaining = mapping.T @ (self._gradient - self._hessian @ state)
         cross = mapping.T @ self._cross @ errors
         score = errors.T @ (self._cross.T @ state - self._target) + cross.T @ (inverse @ remaining)
-        return PresumedErrors.find(inverse, cross, errors.T @ self._gram @ errors, score, load)
+        gram = errors.T @ self._gram @ errors
+        return PresumedErrors.find(inverse, cross, gram, score, load, prior)
 
     def in_target(self, errors: Array, factor: Array) -> Array:
         """What the constant ones of errors (q,) add to the target d of |R x - d|^2, R `factor`."""

@@ -79,9 +79,7 @@ class Summariser:
         xi = self._corrected(model, self._presumed.errors)
         if self._hull is not None:
             xi = keep_in_hull(xi, data + prior, self._hull)
-        mapping = model.mapping
-        lasting_covariance = mapping @ self._presumed.covariance @ mapping.T
-        covariance = covariance * np.outer(self._widen, self._widen) + lasting_covariance
+        covariance = covariance * np.outer(self._widen, self._widen) + self._presumed.covariance
         recent = replace(model.recent, change=self._load_change(model, covariance[0, 0]))
         covariance += recent.change**2 * np.outer(model.phi, model.phi)
         found = LiveEstimate(

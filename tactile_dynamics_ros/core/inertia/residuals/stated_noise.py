@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -24,6 +25,10 @@ _FEWEST = 400
 """Samples that a force/torque sensor needs before the noise of its axes is compared: then it is
 known to 5 %, and `_TOLERANCE` is four of these. With fewer, axes that are alike would differ by
 chance."""
+_SHARED = 0.5
+"""Share of the stated noise that grows with the load from which sensors count as such: calibrated
+fingertips have 0.7 to 1, sensors of constant noise 0, or 0.1 by chance where few samples are
+averaged. Any bound between does the same."""
 
 
 def restate_noise(streams: Streams) -> tuple[Streams, dict[str, float]]:
@@ -58,6 +63,23 @@ def restate_noise(streams: Streams) -> tuple[Streams, dict[str, float]]:
         changed["pose"] = ratio
         pose = replace(pose, covariance=None)
     return replace(streams, contacts=contacts, pose=pose), changed
+
+
+def states_shares(loads: Sequence[Array], stated: Sequence[Array]) -> bool:
+    """Whether the noise that sensors state grows with what they carry.
+
+    Args:
+        loads: (K, 3) N, forces of each sensor while it carries any.
+        stated: (K, ..) the standard deviations that it states of them.
+    """
+    shares = []
+    for force, std in zip(loads, stated, strict=True):
+        load = np.linalg.norm(force, axis=1)
+        noise = np.linalg.norm(std.reshape(len(load), -1), axis=1)
+        if len(load) > 1 and np.ptp(load) > 0.0 and noise.any():
+            slope = float(np.polyfit(load - load.mean(), noise, 1)[0])
+            shares.append(slope * load.mean() / noise.mean())
+    return len(shares) > 0 and float(np.mean(shares)) > _SHARED
 
 
 def remark_on(ratios: dict[str, float]) -> str:

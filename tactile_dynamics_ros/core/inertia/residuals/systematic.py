@@ -11,11 +11,14 @@ fingertips that give way to inertial forces, looks a little like it. What all pr
 shift the parameters by is added to the covariance, as if nothing had been corrected; explanations
 that the data do not tell apart count by their probability. A gain that all sensors share leaves no
 trace: only how much they differ says how far they may be off together.
+
+Sensors whose stated noise grows with what they carry, such as calibrated fingertips, have errors of
+all kinds in usual proportions, and data only say how large: live and offline estimates state alike.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import ndtri, stdtrit
@@ -67,6 +70,16 @@ _USUAL = np.array([np.inf, np.inf, 0.1, 0.005, 0.1])
 the 5 mm of a fingertip's patch for places; constant wrenches may be anything. Without them gains of
 300 % were presumed in the simulated hand where places explain what remains. Smaller ones hold gains
 of 20 % back, larger ones let kinds trade places where few numbers show them."""
+_FINGERTIPS = np.array([0.015, 0.006, 0.03, 0.0015, 0.015])
+"""Standard deviations of each kind of errors of sensors that state shares of their load: wrenches
+of the body and forces of the world over the load, gains, places in m, and mixed axes. Only their
+proportions matter where data say how large. In the simulated hand 97 to 99 % of 90 % intervals hold
+(15 recordings, hands 9401 to 9408) and the worst is off by 2.4; half and twice of one kind changed
+coverage on hands 101 to 105 by at most 3 %."""
+_ALIKE = 9.0
+"""Samples that tell as much of lasting errors as one alone, of such sensors: what remains of
+fingertips is alike for a tenth of a second. On hands 101 to 105 96 % of 90 % intervals held at 9,
+and 98 % at 4, which are a fifth wider; at 1 all that remains is taken to last."""
 _QUANTILE = 0.95
 """Quantile of Student's t at which few gains are made up for: that of two-sided 90 % intervals, as
 the product states them. A higher one widens intervals of few gains more: Student's tails differ the
@@ -145,6 +158,26 @@ def with_gains(columns: int) -> Array:
     places, mixed = (part.reshape(columns, -1) for part in np.split(by_sensor, [3], axis=2))
     gains = np.trace(mixed.reshape(columns, -1, 3, 3), axis1=2, axis2=3)
     return np.concatenate([every[:, :SYSTEMATIC_SIZE], gains, places, mixed], axis=1)
+
+
+def fingertip_variances(mixing: Array, white: Array, load: float) -> Array:
+    """Variances (q,) of errors that are usual but for one scale, which data tell.
+
+    Numbers that data show are N(0, s^2 (n + A U A^T)): U what is usual, n samples alike, and s^2
+    the mean of their white squares, with one more that is as usual. Source: Birge 1932.
+
+    Args:
+        mixing: (r, q) A, see `_shown`; q is 9 + 13 C.
+        white: (r,) white numbers, see `_shown`.
+        load: N, weight that the sensors carry.
+    """
+    contacts = (mixing.shape[1] - SYSTEMATIC_SIZE) // _PER_SENSOR
+    sizes = [_BODY_SIZE, SYSTEMATIC_SIZE - _BODY_SIZE, *contacts * np.array([1, 3, 9])]
+    usual = np.repeat((_FINGERTIPS * [load, load, 1.0, 1.0, 1.0]) ** 2, sizes)
+    usual *= mixing.any(axis=0)
+    expected = _ALIKE * np.eye(len(white)) + (mixing * usual) @ mixing.T
+    square = float(white @ np.linalg.solve(expected, white))
+    return np.asarray(usual * (1.0 + square) / (1.0 + len(white)))
 
 
 def systematic_variances(mixing: Array, white: Array) -> list[tuple[float, Array]]:
@@ -256,9 +289,19 @@ class PresumedErrors:
     spread: Array
     covariance: Array
 
+    def mapped(self, mapping: Array) -> PresumedErrors:
+        """The same on other parameters, by their derivative (p, p) where it was found."""
+        return replace(self, covariance=np.asarray(mapping @ self.covariance @ mapping.T))
+
     @classmethod
     def find(
-        cls, inverse: Array, cross: Array, gram: Array, score: Array, load: float
+        cls,
+        inverse: Array,
+        cross: Array,
+        gram: Array,
+        score: Array,
+        load: float,
+        prior: Array | None = None,
     ) -> PresumedErrors:
         """Find them in the sums that a fit leaves.
 
@@ -268,29 +311,48 @@ class PresumedErrors:
             gram: (q, q) B^T B.
             score: (q,) B^T r of the residuals after the fit.
             load: N, weight that the sensors carry.
+            prior: (p, p) information of the prior, where sensors state shares of their load; no
+                error of theirs leaves less known than that.
         """
         by_error = inverse @ cross
         beside = gram - cross.T @ by_error
         mixing, white = _shown(gram, beside, score)
-        explanations = systematic_variances(mixing, white)
-        moment = np.zeros_like(gram)
-        for weight, variances in explanations:
-            moment += weight * _second_moment(variances, mixing, white)
+        if prior is None:
+            explanations = systematic_variances(mixing, white)
+            parts = [weight * _second_moment(v, mixing, white) for weight, v in explanations]
+            probable, moment = explanations[0][1], np.sum(parts, axis=0)
+        else:
+            probable = fingertip_variances(mixing, white, load)
+            moment = np.diag(probable)
         granted = np.zeros(len(gram))
-        probable = explanations[0][1][:_BODY_SIZE]
-        granted[:_BODY_SIZE] = np.minimum(probable, (_GRANTED * load) ** 2)
+        granted[:_BODY_SIZE] = np.minimum(probable[:_BODY_SIZE], (_GRANTED * load) ** 2)
         corrected, posterior = _posterior(granted, mixing, white)
         spread = np.sqrt(np.diag(posterior))
-        return cls(corrected, spread, np.asarray(by_error @ moment @ by_error.T))
+        covariance = np.asarray(by_error @ moment @ by_error.T)
+        return cls(corrected, spread, covariance if prior is None else _within(covariance, prior))
 
     @classmethod
     def of_rows(
-        cls, inverse: Array, jacobian: Array, basis: Array, residual: Array, load: float
+        cls,
+        inverse: Array,
+        jacobian: Array,
+        basis: Array,
+        residual: Array,
+        load: float,
+        prior: Array | None = None,
     ) -> PresumedErrors:
         """`find` in white rows: J (n, p), B (n, q) and r (n,)."""
         cross = jacobian.T @ basis
         score = basis.T @ residual - cross.T @ (inverse @ (jacobian.T @ residual))
-        return cls.find(inverse, cross, basis.T @ basis, score, load)
+        return cls.find(inverse, cross, basis.T @ basis, score, load, prior)
+
+
+def _within(covariance: Array, prior: Array) -> Array:
+    """The covariance (p, p) without what exceeds that of a prior of information (p, p)."""
+    root = np.linalg.cholesky(prior)
+    values, vectors = np.linalg.eigh(root.T @ covariance @ root)
+    axes = np.linalg.solve(root.T, vectors)
+    return np.asarray((axes * np.minimum(values, 1.0)) @ axes.T)
 
 
 def _shown(gram: Array, beside: Array, score: Array) -> tuple[Array, Array]:
