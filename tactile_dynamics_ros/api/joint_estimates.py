@@ -14,7 +14,6 @@ from tactile_dynamics_ros.core.errors import NotIdentifiableError, refuse_existi
 from tactile_dynamics_ros.core.files import written_whole
 from tactile_dynamics_ros.core.joints.conventions import in_common_units
 from tactile_dynamics_ros.core.joints.estimate import NAMES, JointsEstimate
-from tactile_dynamics_ros.core.joints.known import KnownArm
 from tactile_dynamics_ros.report.numbers import UPPER, with_uncertainty
 
 if TYPE_CHECKING:
@@ -203,5 +202,5 @@ class EstimateOfJoints(ReportedResult):
         file = Path(path)
         refuse_existing(file)
         with written_whole(file) as part:
-            part.write_text(json.dumps(KnownArm.of(self.found.model).to_document(), indent=1))
+            part.write_text(json.dumps(self.found.model.known.to_document(), indent=1))
         return file

@@ -13,7 +13,6 @@ from tactile_dynamics_ros.api.discrepancies import Comparison, Explanation
 from tactile_dynamics_ros.api.joint_estimates import EstimateOfJoints
 from tactile_dynamics_ros.api.questions import question_joints
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.joints.known import KnownArm
 from tactile_dynamics_ros.core.joints.live import JointMonitor
 from tactile_dynamics_ros.core.joints.model import JointsModel
 from tactile_dynamics_ros.core.robot.robot_file import load_robot
@@ -107,7 +106,7 @@ def _mass(found: EstimateOfJoints) -> str:
 
 def _live_error(model: JointsModel, recording: JointRecording) -> float:
     """RMS of the external torque where nothing touches, over the noise of each joint."""
-    monitor, streams = JointMonitor(model.samples.arm, KnownArm.of(model)), recording.streams
+    monitor, streams = JointMonitor(model.samples.arm, model.known), recording.streams
     found = []
     for k, stamp in enumerate(streams.time):
         monitor.add(float(stamp), streams.position[k], streams.effort[k])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from concurrent.futures import Future
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,11 +14,19 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, String
 
 from tactile_dynamics_ros.core.configuration import parameter
-from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.errors import BadInputError, TactileDynamicsError
 from tactile_dynamics_ros.core.joints.arm import Arm
-from tactile_dynamics_ros.core.joints.known import KnownArm
-from tactile_dynamics_ros.core.joints.live import ExternalTorque, JointMonitor, MonitorConfig
+from tactile_dynamics_ros.core.joints.effects import JOINTS
+from tactile_dynamics_ros.core.joints.estimate import refit
+from tactile_dynamics_ros.core.joints.live import (
+    ExternalTorque,
+    JointMonitor,
+    KnownArm,
+    MonitorConfig,
+)
+from tactile_dynamics_ros.core.joints.model import SHORTEST
 from tactile_dynamics_ros.core.reading import read_text
+from tactile_dynamics_ros.ros.background import Background
 from tactile_dynamics_ros.ros.conversions import MessageError, wrench_to_message
 from tactile_dynamics_ros.ros.diagnostics import status_message
 from tactile_dynamics_ros.ros.inputs import Need
@@ -43,6 +52,9 @@ class JointMonitorConfig:
 
     model: str = parameter("", "file of `estimate --save` of a recording of this arm")
     urdf: str = parameter("", "URDF of the arm; empty: as on robot_description")
+    effects: tuple[str, ...] = parameter(
+        (), "effects of joints, fitted to the newest measurements; empty: as in the file; live"
+    )
     rate_hz: float = parameter(25.0, "rate of the answers", "Hz", 1.0, 200.0)
 
 
@@ -51,12 +63,20 @@ class JointMonitorNode(Shell):
 
     def __init__(self) -> None:
         super().__init__("joint_monitor")
-        config = declare_config(self, JointMonitorConfig)
         self._averaging = declare_config(self, MonitorConfig)
+        self.monitor: JointMonitor | None = None
+        self._urdf = ""
+        self._wanted: tuple[str, ...] = ()
+        self._fit_from = -np.inf
+        self._background: Background | None = None
+        self._fitting: Future[KnownArm] | None = None
+        config = declare_config(
+            self, JointMonitorConfig, live=["effects"], on_change=self._change_model
+        )
+        self._change_model(config)
         self._known = _read_known(config.model) if config.model else None
         if self._known is None:
             self.get_logger().warning("parameter model is empty; give a file of `estimate --save`")
-        self.monitor: JointMonitor | None = None
         self._told = -np.inf
         self._time = StreamClock(self)
         self._time.on_move.append(self._begin_anew)
@@ -77,9 +97,57 @@ class JointMonitorNode(Shell):
         if self._known is None or self.monitor is not None:
             return
         arm = Arm.from_urdf(text, self._known.joints, ROBOT_DESCRIPTION)
-        self.monitor = JointMonitor(arm, self._known, self._averaging)
-        for name in self.monitor.left_out:
+        self.monitor, self._urdf = JointMonitor(arm, self._known, self._averaging), text
+        self._warn_of(self._known)
+
+    def _warn_of(self, known: KnownArm) -> None:
+        for name in known.left_out:
             self.get_logger().warning(f"effect {name} depends on the past; it is left out live")
+
+    def destroy_node(self) -> None:
+        """Stop the background work too."""
+        if self._background is not None:
+            self._background.close()
+        super().destroy_node()
+
+    def _change_model(self, config: JointMonitorConfig) -> str:
+        """Take other effects; return what they are fitted to."""
+        labels = tuple(name for name in config.effects if name)
+        JOINTS.create_all([label.partition(":")[0] for label in labels])
+        self._wanted = labels
+        if self._background is not None:
+            self._background.drop()
+        self._fitting, self._fit_from = None, -np.inf
+        if not labels:
+            if self.monitor is not None and self._known is not None:
+                self.monitor.known = self._known
+            return "the model of the file"
+        self._background = self._background or Background()
+        span, least = (0.0 if self.monitor is None else self.monitor.span), SHORTEST
+        if span < least:
+            return f"{', '.join(labels)} will be fitted once {least:g} s of motion were measured"
+        return f"{', '.join(labels)} will be fitted to the last {span:.0f} s"
+
+    def _advance_fit(self) -> None:
+        """Begin the fit that is wanted, once enough was measured, and take it over."""
+        if self.monitor is None or not self._wanted or self._background is None:
+            return
+        newest = self._time.newest
+        if self._fitting is None:
+            if self.monitor.span >= SHORTEST and newest >= self._fit_from:
+                asked = self.monitor.recent(self._urdf), self._wanted, self.monitor.known
+                self._fitting = self._background.submit(refit, *asked)
+            return
+        if not self._fitting.done():
+            return
+        done, self._fitting = self._fitting, None
+        try:
+            self.monitor.known, self._wanted = done.result(), ()
+        except TactileDynamicsError as error:
+            self._fit_from = newest + SHORTEST
+            self.faults.add("not_fitted", str(error))
+            return
+        self._warn_of(self.monitor.known)
 
     def _begin_anew(self) -> None:
         self._told = -np.inf
@@ -98,6 +166,7 @@ class JointMonitorNode(Shell):
         self.monitor.add(self._time.admit(message.stamp, JOINT_STATES), position, effort)
 
     def _tell(self) -> None:
+        self._advance_fit()
         found = None if self.monitor is None else self.monitor.latest()
         if self.monitor is None or found is None or found.time <= self._told:
             return
@@ -121,7 +190,8 @@ class JointMonitorNode(Shell):
         else:
             level, text = DiagnosticStatus.OK, "nothing touches the arm beyond noise"
         pairs = zip(names, found.external, found.std, strict=True)
-        values: dict[str, object] = {"touched": ",".join(touched)}
+        effects = () if self.monitor is None else self.monitor.known.labels
+        values: dict[str, object] = {"touched": ",".join(touched), "effects": ",".join(effects)}
         for name, torque, std in pairs:
             values |= {name: float(torque), f"{name}_std": float(std)}
         message = DiagnosticArray(status=[status_message("external", values, level, text)])

@@ -19,8 +19,7 @@ from tactile_dynamics_ros.core.joints.conventions import assumed, in_common_unit
 from tactile_dynamics_ros.core.joints.effects import JOINT_EFFECT_NAMES
 from tactile_dynamics_ros.core.joints.estimate import estimate, fit
 from tactile_dynamics_ros.core.joints.excitation import JointLimits, design_motion
-from tactile_dynamics_ros.core.joints.known import KnownArm
-from tactile_dynamics_ros.core.joints.live import JointMonitor
+from tactile_dynamics_ros.core.joints.live import JointMonitor, KnownArm
 from tactile_dynamics_ros.core.joints.samples import JointSamples
 from tactile_dynamics_ros.core.joints.situation import Situation
 from tactile_dynamics_ros.core.robot.kinematic_tree import read_tree
@@ -85,7 +84,7 @@ def test_torques_are_those_of_another_implementation(urdf, tmp_path):
 
 
 def test_a_force_on_the_flange_is_found_from_joint_torques(clean, fitted):
-    arm, known = fitted.samples.arm, KnownArm.of(fitted)
+    arm, known = fitted.samples.arm, fitted.known
     streams = clean.streams
     motion = arm.motion(streams.position, *np.zeros((2, *streams.position.shape)))
     wrench = np.array([0.0, 0.0, 0.0, 12.0, -8.0, 5.0])
@@ -245,7 +244,7 @@ def test_the_command_makes_names_and_prints(tmp_path, capsys):
 
 
 def test_a_saved_model_reads_back(fitted):
-    known = KnownArm.of(fit_with(fitted, "stribeck_friction"))
+    known = fit_with(fitted, "stribeck_friction").known
     again = KnownArm.from_document(json.loads(json.dumps(known.to_document())), "file")
     np.testing.assert_array_equal(again.bodies, known.bodies)
     assert again.effects[0][0] == known.effects[0][0]

@@ -31,6 +31,7 @@ from tactile_dynamics_ros.core.joints.effects import (
     are_allowed,
     in_units,
 )
+from tactile_dynamics_ros.core.joints.live import KnownArm
 from tactile_dynamics_ros.core.joints.noise import dispersion, seen_noise, stated_noise, whitener
 from tactile_dynamics_ros.core.joints.prior import (
     FRICTION_STD,
@@ -56,7 +57,7 @@ _BETTER = 0.7
 """Error of another reading of the torques over that as they are from which it is another
 convention: half of the squares. Signs and units change errors by far more; gains that are off by a
 third, which are an effect, by less."""
-_SHORT = 8.0
+SHORTEST = 8.0
 """Length of a recording, s, below which "nothing is missing" means nothing: joints have turned back
 only a few times by then."""
 
@@ -261,9 +262,9 @@ class JointsModel(LeastSquaresModel[JointEffect]):
     def too_short(self) -> str:
         """Why a short recording cannot show that nothing is missing."""
         lasts = len(self.samples.time) * self.samples.length
-        if lasts >= _SHORT:
+        if lasts >= SHORTEST:
             return ""
-        return f"the recording has {lasts:.0f} s of motion; record {_SHORT:.0f} s at least"
+        return f"the recording has {lasts:.0f} s of motion; record {SHORTEST:.0f} s at least"
 
     @property
     def friction(self) -> Array:
@@ -299,6 +300,14 @@ class JointsModel(LeastSquaresModel[JointEffect]):
     def payload(self) -> Array:
         """(10,) dynamic parameters of the payload in the last link's frame."""
         return np.asarray(self.samples.arm.to_last_link @ self.bodies[-10:])
+
+    @property
+    def known(self) -> KnownArm:
+        """What is kept for later use."""
+        left = np.sqrt(np.mean(self.residuals().physical ** 2, axis=0))
+        pairs = tuple(zip(self.effects, self.theta, strict=True))
+        bodies, noise = (self.link_bodies, self.payload, self.friction), self.effort_std
+        return KnownArm(self.joints, *bodies, noise, left, pairs)
 
     def bodies_covariance(self) -> Array:
         """(P, P) of `bodies`, widened by the misfit; the prior's where nothing is told."""
