@@ -9,7 +9,12 @@ from pathlib import Path
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import WrenchStamped
+from geometry_msgs.msg import (
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    Vector3Stamped,
+    WrenchStamped,
+)
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, String
 
@@ -27,8 +32,15 @@ from tactile_dynamics_ros.core.joints.live import (
 from tactile_dynamics_ros.core.joints.model import SHORTEST
 from tactile_dynamics_ros.core.reading import read_text
 from tactile_dynamics_ros.ros.background import Background
-from tactile_dynamics_ros.ros.conversions import MessageError, wrench_to_message
+from tactile_dynamics_ros.ros.conversions import (
+    MessageError,
+    pose_to_message,
+    std_to_message,
+    uncertain_pose_to_message,
+    wrench_to_message,
+)
 from tactile_dynamics_ros.ros.diagnostics import status_message
+from tactile_dynamics_ros.ros.friction_messages import WORLD
 from tactile_dynamics_ros.ros.inputs import Need
 from tactile_dynamics_ros.ros.names import (
     JOINT_STATES,
@@ -38,12 +50,18 @@ from tactile_dynamics_ros.ros.names import (
     MONITOR_VALID,
     MONITOR_WRENCH,
     MONITOR_WRENCH_STD,
+    OBJECT_POSE,
     ROBOT_DESCRIPTION,
+    contact_topic,
 )
 from tactile_dynamics_ros.ros.parameters import declare_config
 from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
 from tactile_dynamics_ros.ros.stream_clock import StreamClock
 from tactile_dynamics_ros.ros.wire import Joints, encode_joint_state, to_stamp
+
+KEPT = 0.1
+"""Age of the oldest pose that is told after a pause, s: what the filter of wrench_compensator
+bridges. Nothing older belongs to the motion that goes on."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +72,12 @@ class JointMonitorConfig:
     urdf: str = parameter("", "URDF of the arm; empty: as on robot_description")
     effects: tuple[str, ...] = parameter(
         (), "effects of joints, fitted to the newest measurements; empty: as in the file; live"
+    )
+    contact: str = parameter(
+        "",
+        "name of a contact as which the flange is told too, as a wrist sensor would: its wrench "
+        "with all that the model does not carry on contact/<name>, its pose as object/pose; "
+        "empty: not",
     )
     rate_hz: float = parameter(25.0, "rate of the answers", "Hz", 1.0, 200.0)
 
@@ -75,6 +99,7 @@ class JointMonitorNode(Shell):
         )
         self._change_model(config)
         self._known = _read_known(config.model) if config.model else None
+        self._sensor = FlangeSensor(self, config.contact) if config.contact else None
         if self._known is None:
             self.get_logger().warning("parameter model is empty; give a file of `estimate --save`")
         self._told = -np.inf
@@ -124,9 +149,10 @@ class JointMonitorNode(Shell):
             return "the model of the file"
         self._background = self._background or Background()
         span, least = (0.0 if self.monitor is None else self.monitor.span), SHORTEST
+        names = f"{', '.join(labels)} will be fitted"
         if span < least:
-            return f"{', '.join(labels)} will be fitted once {least:g} s of motion were measured"
-        return f"{', '.join(labels)} will be fitted to the last {span:.0f} s"
+            return f"{names} once {least:g} s of motion were measured"
+        return f"{names} to the last {span:.0f} s; nothing may have touched the arm meanwhile"
 
     def _advance_fit(self) -> None:
         """Begin the fit that is wanted, once enough was measured, and take it over."""
@@ -170,6 +196,8 @@ class JointMonitorNode(Shell):
         found = None if self.monitor is None else self.monitor.latest()
         if self.monitor is None or found is None or found.time <= self._told:
             return
+        if self._sensor is not None:
+            self._sensor.tell(self.monitor, max(self._told, found.time - KEPT), found)
         self._told = found.time
         names, stamp = self.monitor.arm.names, to_stamp(found.time)
         nothing = np.zeros(0)
@@ -197,6 +225,40 @@ class JointMonitorNode(Shell):
         message = DiagnosticArray(status=[status_message("external", values, level, text)])
         message.header.stamp = self.get_clock().now().to_msg()
         return message
+
+
+class FlangeSensor:
+    """Tells wrench and pose of the flange as a wrist sensor and a tracker do.
+
+    Stamps end with those of the wrench, so that who listens knows the motion when it comes.
+
+    Args:
+        node: that publishes.
+        name: of the contact.
+    """
+
+    def __init__(self, node: Shell, name: str) -> None:
+        self._force = node.stream(WrenchStamped, contact_topic(name, "force"))
+        self._std = node.stream(Vector3Stamped, contact_topic(name, "force_std"))
+        self._place = node.stream(PoseStamped, contact_topic(name, "pose"))
+        self._pose = node.stream(PoseWithCovarianceStamped, OBJECT_POSE)
+
+    def tell(self, monitor: JointMonitor, since: float, found: ExternalTorque) -> None:
+        """Publish poses since a time, s, and what the arm applies on what it carries.
+
+        A wrench that is in doubt is left out.
+        """
+        time, poses = monitor.flange_poses(since, found.time)
+        for stamp, pose in zip(time.tolist(), poses, strict=True):
+            self._place.publish(pose_to_message(pose, stamp, WORLD))
+            self._pose.publish(uncertain_pose_to_message(pose, np.zeros((6, 6)), stamp, WORLD))
+        if found.doubt or not len(time):
+            return
+        turn = poses[-1, :3, :3]
+        wrench = -(found.wrench.reshape(2, 3) @ turn.T).reshape(6)
+        std = np.sqrt(turn**2 @ found.wrench_std[3:] ** 2)
+        self._std.publish(std_to_message(std, found.time, WORLD))
+        self._force.publish(wrench_to_message(wrench, found.time, WORLD))
 
 
 def _read_known(path: str) -> KnownArm:

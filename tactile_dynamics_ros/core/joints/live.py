@@ -227,6 +227,21 @@ class JointMonitor:
         while kept[-1][0] - kept[0][0] > span:
             kept.popleft()
 
+    def flange_poses(self, since: float, until: float) -> tuple[Array, Array]:
+        """Stamps (M,), s, and poses (M, 4, 4) of the flange in the base, of measurements kept.
+
+        Args:
+            since: s, before the first.
+            until: s, at the last.
+        """
+        kept = [(t, q) for t, q, _ in self._window if since < t <= until]
+        time, q = np.array([t for t, _ in kept]), np.array([q for _, q in kept])
+        found = np.tile(np.eye(4), (len(kept), 1, 1))
+        if kept:
+            moved = self.arm.motion(q, np.zeros_like(q), np.zeros_like(q))
+            found[:, :3, :3], found[:, :3, 3] = moved.turns[-1], moved.places[-1]
+        return time, found @ self.arm.flange_pose
+
     def latest(self) -> ExternalTorque | None:
         """What the world applied in the newest block with neighbours; None without enough yet."""
         if len(self._window) < 12:
