@@ -13,9 +13,15 @@ from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.joints.arm import Arm
-from tactile_dynamics_ros.core.joints.effects import JOINTS, JointEffect
+from tactile_dynamics_ros.core.joints.effects import (
+    JOINTS,
+    GatedJointEffect,
+    JointEffect,
+    gate_effect,
+)
 from tactile_dynamics_ros.core.joints.samples import JointSamples
 from tactile_dynamics_ros.core.joints.situation import Situation
+from tactile_dynamics_ros.core.numerics.regime import split_label
 from tactile_dynamics_ros.core.streams.joint_streams import JointStreams
 
 _KIND = "joints"
@@ -66,14 +72,14 @@ class KnownArm:
     @property
     def left_out(self) -> tuple[str, ...]:
         """Names of the effects that are not predicted live."""
-        return tuple(effect.name for effect, _ in self.effects if effect.name in WITH_HISTORY)
+        return tuple(effect.name for effect, _ in self.effects if _needs_past(effect))
 
     def predict(self, samples: JointSamples) -> Array:
         """(K, n) mean torque of each block, N m, without effects that depend on the past."""
         situation = Situation(samples, self.bodies, self.payload, self.friction)
         found = situation.total
         for effect, theta in self.effects:
-            if effect.name not in WITH_HISTORY:
+            if not _needs_past(effect):
                 found = found + effect.torque(situation, theta)
         return found
 
@@ -89,7 +95,7 @@ class KnownArm:
             "joints": list(self.joints),
             **{name: getattr(self, name).tolist() for name in arrays},
             "effects": [
-                {"name": effect.name, "reading": asdict(effect), "parameters": theta.tolist()}
+                {"name": effect.name, "reading": _reading(effect), "parameters": theta.tolist()}
                 for effect, theta in self.effects
             ],
         }
@@ -289,10 +295,24 @@ def _at_flange(samples: JointSamples, external: Array, std: Array) -> tuple[Arra
     return wrench, spread, float(values[-1]) if len(values) == 6 else 0.0
 
 
+def _needs_past(effect: JointEffect) -> bool:
+    """Whether an effect depends on what happened before, or on the time of a recording."""
+    if isinstance(effect, GatedJointEffect):
+        timed = any(gate.symbol == "t" for gate in effect.regime.gates)
+        return timed or _needs_past(effect.inner)
+    return effect.name in WITH_HISTORY
+
+
+def _reading(effect: JointEffect) -> dict[str, Any]:
+    return asdict(effect.inner if isinstance(effect, GatedJointEffect) else effect)
+
+
 def _effect(entry: Mapping[str, Any]) -> tuple[JointEffect, Array]:
     fields = {
         key: tuple(value) if isinstance(value, list) else value
         for key, value in entry["reading"].items()
     }
-    kind = type(JOINTS.create(entry["name"]))
-    return kind(**fields), np.array(entry["parameters"], dtype=float)
+    plain, regime = split_label(entry["name"])
+    found = type(JOINTS.create(plain))(**fields)
+    gated = found if regime is None else gate_effect(found, regime)
+    return gated, np.array(entry["parameters"], dtype=float)

@@ -23,16 +23,18 @@ from tactile_dynamics_ros.core.discrepancy.verdict.validation import held_out
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.joints.conventions import find_reading, reread
-from tactile_dynamics_ros.core.joints.drive_effects import TorqueGain, TorqueRipple
+from tactile_dynamics_ros.core.joints.drive_effects import TorqueGain
 from tactile_dynamics_ros.core.joints.effects import (
     JOINTS,
+    GatedJointEffect,
     JointEffect,
-    PerJointEffect,
     are_allowed,
+    families_in,
     in_units,
 )
 from tactile_dynamics_ros.core.joints.live import KnownArm
 from tactile_dynamics_ros.core.joints.noise import dispersion, seen_noise, stated_noise, whitener
+from tactile_dynamics_ros.core.joints.per_joint import PerJointEffect
 from tactile_dynamics_ros.core.joints.prior import (
     FRICTION_STD,
     USUAL_SHARE,
@@ -149,8 +151,6 @@ class JointsModel(LeastSquaresModel[JointEffect]):
         """
         model = self
         for label in labels:
-            if "[" in label:
-                raise BadInputError(f"effect '{label}': no regimes here; leave the regime out")
             name, _, reading = label.partition(":")
             families = model.families_of(name)
             wanted = name if reading == _ALL else label
@@ -394,29 +394,8 @@ class JointsModel(LeastSquaresModel[JointEffect]):
 
     def families_of(self, name: str) -> list[Family]:
         """Families of all readings of an effect; those of one group share columns."""
-        effect, found = JOINTS.create(name), []
-        searched = len(effect.grid) if isinstance(effect, TorqueRipple) else 1
-        if isinstance(effect, TorqueRipple):
-            left = self.lack(self.x, self.effects).reshape(-1, len(self.joints))
-            groups = effect.strongest(self.situation, left)
-        else:
-            groups = effect.groups(self.situation)
-        alike = [len(reading.kept) for one in groups for reading in one.readings]
-        for group in groups:
-            columns = self.whiten(group.columns.reshape(len(self.time), -1))
-            found += [
-                Family(
-                    name,
-                    reading.label,
-                    group.reading,
-                    columns,
-                    reading.kept,
-                    alike.count(len(reading.kept)) * searched,
-                    reading.effect,
-                )
-                for reading in group.readings
-            ]
-        return found
+        left = self.lack(self.x, self.effects).reshape(-1, len(self.joints))
+        return families_in(JOINTS.create(name), self.situation, left, self.whiten)
 
     def guess(self, family: Family, coefficients: Array) -> Array:
         """Start of an effect's parameters."""
@@ -431,13 +410,19 @@ class JointsModel(LeastSquaresModel[JointEffect]):
             physical=self.lack(self.x, self.effects).reshape(-1, len(self.joints)),
             channels=self.joints,
             units=samples.arm.units,
-            conditions=conditions_of(samples, white),
+            conditions=conditions_of(samples, white, self._gated_by),
             drivers=np.concatenate([*samples.middle, np.sign(samples.middle[1])], axis=1),
             alone="rigid links and friction",
             about="The model predicts the torques of an arm's drives from its motion: rigid links "
             "near their URDF, a payload, and Coulomb and viscous friction and an offset of each "
             "joint.",
         )
+
+    @property
+    def _gated_by(self) -> list[str]:
+        """Symbols of the scalars that bound regimes of the effects."""
+        regimes = [e.regime for e in self.effects if isinstance(e, GatedJointEffect)]
+        return [gate.symbol for regime in regimes for gate in regime.gates]
 
     def plan_against(self, rivals: Sequence[JointsModel]) -> dict[str, Any] | None:
         """None: no motion is planned."""
