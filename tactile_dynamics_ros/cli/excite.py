@@ -141,7 +141,7 @@ def _excite_joints(args: Namespace) -> int:
         motion = design_motion(Arm.from_urdf(urdf, names, args.urdf), limits, seed=args.seed)
     else:
         model = fit(read_joint_torques(args).streams)
-        motion = design_motion(model.samples.arm, limits, model, args.seed)
+        motion = design_motion(model.samples.arm, limits, model.learned, args.seed)
     before, after = motion.mass_std
     if args.out:
         with written_whole(Path(args.out)) as part:

@@ -194,7 +194,6 @@ class TorqueGain(PerJointEffect):
     """A torque reads too much or too little, or the constant of a motor is another."""
 
     name = "torque_gain"
-    regional = True
     family = "sensor"
     formula = "g tau"
     looks_like = "One joint's error is proportional to its torque, bodies and friction alike."

@@ -74,12 +74,21 @@ class KnownArm:
         """Names of the effects that are not predicted live."""
         return tuple(effect.name for effect, _ in self.effects if _needs_past(effect))
 
-    def predict(self, samples: JointSamples) -> Array:
-        """(K, n) mean torque of each block, N m, without effects that depend on the past."""
-        situation = Situation(samples, self.bodies, self.payload, self.friction)
+    def situation(self, samples: JointSamples) -> Situation:
+        """What the effects act on in other samples."""
+        return Situation(samples, self.bodies, self.payload, self.friction)
+
+    def predict(self, samples: JointSamples, past: bool = False) -> Array:
+        """(K, n) mean torque of each block, N m.
+
+        Args:
+            samples: blocks.
+            past: whether effects that depend on the past are predicted too.
+        """
+        situation = self.situation(samples)
         found = situation.total
         for effect, theta in self.effects:
-            if not _needs_past(effect):
+            if past or not _needs_past(effect):
                 found = found + effect.torque(situation, theta)
         return found
 
