@@ -17,6 +17,7 @@ from tactile_dynamics_ros.core.joints.prior import FRICTION_STD, USUAL_SHARE, Bo
 from tactile_dynamics_ros.core.joints.samples import BLOCK, JointSamples
 from tactile_dynamics_ros.core.numerics.least_squares import DECISIVE, chi_square_beside
 from tactile_dynamics_ros.core.numerics.search import SearchConfig, evolve
+from tactile_dynamics_ros.core.weighing.arm import Plane, SerialArm, nearest
 
 _WAVES = 5
 """Sines of each joint: their ten numbers make reversals at many places; fewer repeat themselves,
@@ -24,6 +25,13 @@ more are faster than arms like."""
 _INSTANTS = 120
 """Instants at which a motion is judged: four a second of half a minute. Twice as many change the
 expected std of a payload by 3 %."""
+_FINER = 4
+"""Instants at which clearance is judged for each of these, 16 a second: links move some centimetres
+from one to the next."""
+_MARGIN = 0.02
+"""Distance that links keep from each other and from the floor, m, as for weighing; what is nearer
+in the middle of all ranges, as neighbours in a chain, may stay so. Half of it is left between the
+instants of the search."""
 _RAMP = 0.1
 """Share of a motion in which it begins from rest, and in which it ends."""
 _NOISE = 0.02
@@ -131,8 +139,11 @@ class Learned:
 class _Design:
     """Judges motions of an arm by what they tell beside what is known."""
 
-    def __init__(self, arm: Arm, limits: JointLimits, known: Learned | None) -> None:
+    def __init__(
+        self, arm: Arm, limits: JointLimits, known: Learned | None, shape: SerialArm | None = None
+    ) -> None:
         self.arm, self.limits = arm, limits
+        self.shape = None if shape is None or shape.names != arm.names else shape.by_bodies
         n = len(arm.names)
         if known is None:
             self.root = BodyPrior.of(arm).root(USUAL_SHARE)
@@ -193,10 +204,22 @@ class _Design:
         columns = np.concatenate([friction, bodies @ self.root], axis=2) / self.noise[:, None]
         white = columns.reshape(len(time) * n, -1)
         blocks = self.limits.duration / (BLOCK * len(time))
-        return self.information + blocks * white.T @ white, self._too_near(moved.places)
+        near = self.too_near(self.motion(numbers, _FINER * _INSTANTS)[1])
+        return self.information + blocks * white.T @ white, near
 
-    def _too_near(self, places: list[Array]) -> float:
-        limits, n = self.limits, len(places)
+    def too_near(self, positions: Array) -> float:
+        """By how much a motion (N, n) comes nearer than it may to floor and arm, m.
+
+        By the shapes of the links where they are known, else by the distances of joints.
+        """
+        limits = self.limits
+        if self.shape is not None:
+            rest = 0.5 * (self.shape.limits("lower") + self.shape.limits("upper"))
+            floor = (Plane(np.array([0.0, 0.0, 1.0]), limits.floor),)
+            found = nearest(self.shape, floor, positions, rest, _MARGIN)
+            return max(0.0, -found.room)
+        still = np.zeros_like(positions)
+        places, n = self.arm.motion(positions, still, still).places, len(self.arm.names)
         low = sum(float(np.maximum(limits.floor - p[:, 2], 0.0).max()) for p in places[2:])
         near = 0.0
         for i in range(n):
@@ -227,6 +250,7 @@ def design_motion(
     known: Learned | None = None,
     seed: int = 0,
     rate_hz: float = 50.0,
+    shape: SerialArm | None = None,
 ) -> JointMotion:
     """Design a motion that tells most of links, friction and a payload.
 
@@ -236,21 +260,23 @@ def design_motion(
         known: of a recording: the motion tells what that did not.
         seed: of the search.
         rate_hz: of the points.
+        shape: of its links; without it distances of joints stand for them.
 
     Raises:
         NotIdentifiableError: no motion keeps clear of floor and arm.
     """
-    design, random = _Design(arm, limits, known), np.random.default_rng(seed)
-    shape = (len(arm.names), 2 * _WAVES + 2)
-    parents = random.normal(size=(_SEARCH.samples, *shape))
-    found = evolve(design.costs, parents, np.full(shape, _BY_ONES), random, _SEARCH)
+    design, random = _Design(arm, limits, known, shape), np.random.default_rng(seed)
+    size = (len(arm.names), 2 * _WAVES + 2)
+    parents = random.normal(size=(_SEARCH.samples, *size))
+    found = evolve(design.costs, parents, np.full(size, _BY_ONES), random, _SEARCH)
     information, near = design.gained(found.best)
+    time, q, dq, ddq = design.motion(found.best, round(limits.duration * rate_hz) + 1)
+    near = max(near, design.too_near(q) - 0.5 * _MARGIN)
     if near > 0.0:
         raise NotIdentifiableError(
             f"no motion keeps clear of floor and arm (by {1e3 * near:.0f} mm): lower `floor` or "
             "`clearance`, or use less `reach`"
         )
-    time, q, dq, ddq = design.motion(found.best, round(limits.duration * rate_hz) + 1)
     stds = design.mass_std(design.information), design.mass_std(information)
     return JointMotion(arm.names, time, q, dq, ddq, stds)
 
@@ -271,7 +297,7 @@ class _Separation(_Design):
         """Blocks of a motion, and by how much it comes too near to something, m."""
         count = round(self.limits.duration / _PERIOD)
         time, q, dq, ddq = self.motion(numbers, count)
-        near = self._too_near(self.arm.motion(q, dq, ddq).places)
+        near = self.too_near(q)
         starts = np.arange(_OF_BLOCK, count - 2 * _OF_BLOCK, _OF_BLOCK)
         signals = (time, q, np.zeros_like(q))
         return JointSamples.of_blocks(self.arm, signals, starts, _OF_BLOCK, _PERIOD), near
@@ -318,8 +344,11 @@ def plan_separation(
     design, random = _Separation(arm, _SHORTER, best, others), np.random.default_rng(0)
     shape = (len(arm.names), 2 * _WAVES + 2)
     parents = random.normal(size=(_SEARCH.samples, *shape))
-    search = replace(_SEARCH, rounds=_SEARCH.rounds // 2)
-    numbers = evolve(design.costs, parents, np.full(shape, _BY_ONES), random, search).best
+    least = -2.0 * DECISIVE * len(others)
+    numbers = next((one for one in parents if design.costs(one[None])[0] <= least), None)
+    if numbers is None:
+        search = replace(_SEARCH, rounds=_SEARCH.rounds // 2)
+        numbers = evolve(design.costs, parents, np.full(shape, _BY_ONES), random, search).best
     samples, near = design.samples(numbers)
     gaps = design.gaps(samples)
     told = [name for name, gap in zip(names, gaps, strict=True) if gap >= DECISIVE]
