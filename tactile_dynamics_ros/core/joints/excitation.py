@@ -217,7 +217,7 @@ class _Design:
             rest = 0.5 * (self.shape.limits("lower") + self.shape.limits("upper"))
             floor = (Plane(np.array([0.0, 0.0, 1.0]), limits.floor),)
             found = nearest(self.shape, floor, positions, rest, _MARGIN)
-            return max(0.0, -found.room)
+            return max(0.0, -round(found.room, 6))
         still = np.zeros_like(positions)
         places, n = self.arm.motion(positions, still, still).places, len(self.arm.names)
         low = sum(float(np.maximum(limits.floor - p[:, 2], 0.0).max()) for p in places[2:])
