@@ -25,9 +25,8 @@ more are faster than arms like."""
 _INSTANTS = 120
 """Instants at which a motion is judged: four a second of half a minute. Twice as many change the
 expected std of a payload by 3 %."""
-_FINER = 4
-"""Instants at which clearance is judged for each of these, 16 a second: links move some centimetres
-from one to the next."""
+_CLEAR_HZ = 16.0
+"""Rate at which clearance is judged in the search, Hz: links move some centimetres meanwhile."""
 _MARGIN = 0.02
 """Distance that links keep from each other and from the floor, m, as for weighing; what is nearer
 in the middle of all ranges, as neighbours in a chain, may stay so. Half of it is left between the
@@ -204,7 +203,7 @@ class _Design:
         columns = np.concatenate([friction, bodies @ self.root], axis=2) / self.noise[:, None]
         white = columns.reshape(len(time) * n, -1)
         blocks = self.limits.duration / (BLOCK * len(time))
-        near = self.too_near(self.motion(numbers, _FINER * _INSTANTS)[1])
+        near = self.too_near(self.motion(numbers, round(_CLEAR_HZ * self.limits.duration))[1])
         return self.information + blocks * white.T @ white, near
 
     def too_near(self, positions: Array) -> float:
