@@ -307,6 +307,7 @@ ROOMS = {
             "core/robot",
             "core/shape",
             "core/tactile",
+            "core/weighing",
         )
         + ("recording", "report", "ros", "sim", "synthetic", "view"),
         ("rclpy", "torch"),
