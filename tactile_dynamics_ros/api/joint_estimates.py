@@ -14,7 +14,8 @@ from tactile_dynamics_ros.core.errors import NotIdentifiableError, refuse_existi
 from tactile_dynamics_ros.core.files import written_whole
 from tactile_dynamics_ros.core.joints.conventions import in_common_units
 from tactile_dynamics_ros.core.joints.estimate import NAMES, JointsEstimate
-from tactile_dynamics_ros.core.joints.known import KnownArm
+from tactile_dynamics_ros.core.rigid_body.inertial_parameters import KnownBody
+from tactile_dynamics_ros.recording.yaml_files import write_body
 from tactile_dynamics_ros.report.numbers import UPPER, with_uncertainty
 
 if TYPE_CHECKING:
@@ -197,11 +198,17 @@ class EstimateOfJoints(ReportedResult):
     def save(self, path: str | Path) -> Path:
         """Write the arm's model for `joint_monitor`: bodies, payload, friction, effects.
 
+        A file that ends in .yaml gets the payload alone, as a body in the flange's frame.
+
         Raises:
             BadInputError: another file is there.
         """
         file = Path(path)
+        if file.suffix == ".yaml":
+            found = self.found.payload
+            self.require_answer()
+            return write_body(KnownBody(found.phi, found.covariance, "payload"), file)
         refuse_existing(file)
         with written_whole(file) as part:
-            part.write_text(json.dumps(KnownArm.of(self.found.model).to_document(), indent=1))
+            part.write_text(json.dumps(self.found.model.known.to_document(), indent=1))
         return file

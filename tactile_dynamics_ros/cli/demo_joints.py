@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +12,9 @@ import numpy as np
 from tactile_dynamics_ros.api.discrepancies import Comparison, Explanation
 from tactile_dynamics_ros.api.joint_estimates import EstimateOfJoints
 from tactile_dynamics_ros.api.questions import question_joints
-from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.joints.known import KnownArm
+from tactile_dynamics_ros.core.array import Array
+from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
+from tactile_dynamics_ros.core.joints.estimate import refit
 from tactile_dynamics_ros.core.joints.live import JointMonitor
 from tactile_dynamics_ros.core.joints.model import JointsModel
 from tactile_dynamics_ros.core.robot.robot_file import load_robot
@@ -21,9 +22,9 @@ from tactile_dynamics_ros.recording.joints import JointRecording
 from tactile_dynamics_ros.synthetic import joints as hidden
 from tactile_dynamics_ros.synthetic.recordings import EPOCH_NS
 
-HIDDEN = "load_dependent_friction"
-"""What is hidden unless another effect is named: gears that rub more under load, which the same
-motion without the payload does not cancel."""
+HIDDEN = "link_cable"
+"""What is hidden unless another effect is named: a cable that pulls on a link looks like a payload
+where one model of links has to fit recordings with and without it."""
 MASS = 2.5
 """Payload, kg."""
 _EVERY = 25
@@ -60,9 +61,9 @@ def play(name: str, magnitude: float, seed: int, out: Path, say: Say) -> dict[st
         for words, effects in (("before", ()), ("with the effects", added))
     }
     say(f"the payload is {payload.mass:.3f} kg; beside the empty arm, in the same motion:")
-    for words, found in weighed.items():
-        say(f"  {words}: {_mass(found)}, error {found.found.error:.2f} times the noise")
-    live = {words: _live_error(found.found.model, loaded) for words, found in weighed.items()}
+    masses = {words: _weigh(found, payload) for words, found in weighed.items()}
+    _say_all(say, [f"  {words}: {one['text']}" for words, one in masses.items()])
+    live = _watch(weighed["before"].found.model, added, loaded)
     say("torque that the live model takes for a touch, RMS over joints, in units of their noise:")
     _say_all(say, [f"  {words}: {error:.2f}" for words, error in live.items()])
     say(f"done in {time.monotonic() - started:.0f} s; open {page}")
@@ -71,7 +72,9 @@ def play(name: str, magnitude: float, seed: int, out: Path, say: Say) -> dict[st
         "truth": {"mass": payload.mass},
         "comparison": comparison.to_json(),
         "explanation": explanation.to_json(),
-        "payload": {words: found.to_json()["payload"] for words, found in weighed.items()},
+        "payload": {
+            words: found.to_json()["payload"] | masses[words] for words, found in weighed.items()
+        },
         "live_error": live,
         "report": str(page),
         "wall_time_s": round(time.monotonic() - started, 1),
@@ -100,21 +103,41 @@ def _record(
     return recordings[0], recordings[1], payload
 
 
-def _mass(found: EstimateOfJoints) -> str:
+def _weigh(found: EstimateOfJoints, truth: hidden.Payload) -> dict[str, Any]:
+    """How far a payload is from the truth, whether it is an answer, and both in words."""
     body, std = found.found.payload.body, found.found.payload.std
-    return f"{body.mass:.3f} ± {std[0]:.3f} kg"
+    off = body.mass - truth.mass
+    away = 1e3 * float(np.linalg.norm(body.com - truth.com))
+    words = f"{body.mass:.3f} ± {std[0]:.3f} kg, off by {1e3 * off:+.0f} g, centre {away:.1f} mm"
+    try:
+        found.require_answer()
+        answer = True
+    except NotIdentifiableError:
+        answer = False
+    error = f"error {found.found.error:.2f} times the noise" + ": no answer" * (not answer)
+    return {"off_kg": off, "centre_off_m": 1e-3 * away, "answer": answer} | {
+        "text": f"{words}; {error}"
+    }
 
 
-def _live_error(model: JointsModel, recording: JointRecording) -> float:
-    """RMS of the external torque where nothing touches, over the noise of each joint."""
-    monitor, streams = JointMonitor(model.samples.arm, KnownArm.of(model)), recording.streams
-    found = []
+def _watch(model: JointsModel, added: Sequence[str], recording: JointRecording) -> dict[str, float]:
+    """RMS of the external torque where nothing touches, over the noise of each joint.
+
+    The live model gets the effects in the middle, fitted to what it measured until then.
+    """
+    monitor, streams = JointMonitor(model.samples.arm, model.known), recording.streams
+    middle = len(streams.time) // 2
+    found: tuple[list[Array], list[Array]] = ([], [])
     for k, stamp in enumerate(streams.time):
+        if k == middle and added:
+            monitor.known = refit(monitor.recent(streams.urdf), added, monitor.known)
         monitor.add(float(stamp), streams.position[k], streams.effort[k])
         told = monitor.latest() if k % _EVERY == 0 else None
         if told is not None:
-            found.append(told.external / model.effort_std)
-    return float(np.sqrt(np.median(np.mean(np.square(found), axis=1))))
+            found[k >= middle].append(told.external / model.effort_std)
+    words = ("before", f"once {', '.join(added) or 'nothing'} was added")
+    errors = [float(np.sqrt(np.median(np.mean(np.square(one), axis=1)))) for one in found]
+    return dict(zip(words, errors, strict=True))
 
 
 def _say_all(say: Say, lines: list[str]) -> None:

@@ -33,6 +33,11 @@ if TYPE_CHECKING:
     from tactile_dynamics_ros.core.inertia.excitation.plan import ExcitationPlan
     from tactile_dynamics_ros.core.manipulation.grasp_planner import GraspSite
 
+_UNSHAPED = (
+    "no shapes of links (meshes not found, or none named); the motion keeps the joints apart, not "
+    "the links: look at it first, or give --urdf beside its meshes"
+)
+"""What is said of a motion that knows nothing of the links' shapes. Words, no number."""
 _PRESUMED_MASS = 0.3
 """Mass of an object before it was held, kg: between those of config/objects (0.1 to 0.8 kg)."""
 
@@ -133,15 +138,22 @@ def _excite_joints(args: Namespace) -> int:
     from tactile_dynamics_ros.core.joints.excitation import JointLimits, design_motion
     from tactile_dynamics_ros.core.reading import read_text
     from tactile_dynamics_ros.core.robot.kinematic_tree import read_tree
+    from tactile_dynamics_ros.core.weighing.arm import SerialArm
 
     limits = JointLimits(duration=args.duration, floor=args.floor)
+    folder = str(Path(args.urdf).parent) if args.urdf else ""
     if args.bag is None:
         urdf = read_text(Path(args.urdf), "a URDF")
         names = [j.name for j in read_tree(urdf, args.urdf) if j.axis is not None]
-        motion = design_motion(Arm.from_urdf(urdf, names, args.urdf), limits, seed=args.seed)
+        arm, known = Arm.from_urdf(urdf, names, args.urdf), None
     else:
-        model = fit(read_joint_torques(args).streams)
-        motion = design_motion(model.samples.arm, limits, model, args.seed)
+        streams = read_joint_torques(args).streams
+        model, urdf = fit(streams), streams.urdf
+        arm, known = model.samples.arm, model.learned
+    shape = SerialArm.of_urdf(urdf, "", arm.flange, folder, drawn=True)
+    motion = design_motion(arm, limits, known, args.seed, shape=shape)
+    if shape.by_bodies is None:
+        print(f"{Path(args.urdf or args.bag).name}: {_UNSHAPED}", file=sys.stderr)
     before, after = motion.mass_std
     if args.out:
         with written_whole(Path(args.out)) as part:

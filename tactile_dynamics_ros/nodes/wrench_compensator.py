@@ -32,7 +32,7 @@ from tactile_dynamics_ros.ros.names import (
 )
 from tactile_dynamics_ros.ros.parameters import declare_config
 from tactile_dynamics_ros.ros.payload_services import CarriedLoad
-from tactile_dynamics_ros.ros.shell import Shell, run_node
+from tactile_dynamics_ros.ros.shell import LATCHED, Shell, run_node
 from tactile_dynamics_ros.ros.stated_noise import read_tracked_pose
 from tactile_dynamics_ros.ros.stream_clock import StreamClock
 from tactile_dynamics_ros.ros.wire import Stamped
@@ -63,6 +63,9 @@ class CompensatorConfig:
     imu: bool = parameter(
         False, "take accelerations from object/imu, at the origin and in the axes of object/pose"
     )
+    valid_topic: str = parameter(
+        "", "std_msgs/Bool that says whether the readings are to be believed; empty: always"
+    )
     sensor_frame: str = parameter(
         "", "frame in the header of the wrenches; empty: contact/<name>, or object of fingers"
     )
@@ -89,6 +92,9 @@ class WrenchCompensatorNode(Shell):
         self._frame = config.sensor_frame or (f"contact/{config.contacts[0]}" if one else "object")
         self._time = StreamClock(self)
         self._time.on_move.append(self._begin_anew)
+        self._believed = not config.valid_topic
+        if config.valid_topic:
+            self.listen(Bool, config.valid_topic, self._on_valid, LATCHED, need=Need.ALWAYS)
         self._waiting: deque[ContactSample] = deque(maxlen=2000)
         self._newest: dict[str, ContactSample] = {}
         self._said: bool | None = None
@@ -117,6 +123,9 @@ class WrenchCompensatorNode(Shell):
     def _on_pose(self, message: Stamped) -> None:
         pose, _ = read_tracked_pose(message, OBJECT_POSE, "world", self.faults)
         self.compensator.motion.add(self._time.admit(message.stamp, OBJECT_POSE), pose)
+
+    def _on_valid(self, message: Bool) -> None:
+        self._believed = message.data
 
     def _on_imu(self, message: Imu) -> None:
         measured, motion = message.linear_acceleration, self.compensator.motion
@@ -182,6 +191,8 @@ class WrenchCompensatorNode(Shell):
         load, motion = self.compensator.load, self.compensator.motion
         if load is None or self._load.trouble:
             return self._load.trouble
+        if not self._believed:
+            return f"{self._config.valid_topic} is false, or has not come"
         if load.uncompensated:
             return f"{', '.join(load.uncompensated)} cannot be taken out as it comes"
         if not motion.settled or self._time.newest - motion.time > STALE or self._time.is_idle:

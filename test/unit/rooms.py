@@ -84,7 +84,7 @@ ROOMS = {
     "core/joints": Room(
         "arms by the torques of their joints: links, friction, payload, and what is missing",
         ("core/discrepancy", "core/effects", "core/numerics", "core/rigid_body", "core/robot")
-        + ("core/streams",),
+        + ("core/streams", "core/weighing"),
     ),
     "core/planar": Room(
         "streams of objects that are pushed and pulled on a support", ("core/planar/mechanics",)
@@ -307,6 +307,7 @@ ROOMS = {
             "core/robot",
             "core/shape",
             "core/tactile",
+            "core/weighing",
         )
         + ("recording", "report", "ros", "sim", "synthetic", "view"),
         ("rclpy", "torch"),

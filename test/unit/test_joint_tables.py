@@ -149,6 +149,30 @@ def test_stated_gains_are_taken_for_both_recordings(urdf, tmp_path, capsys):
     assert "a number, not zero, for each of" in capsys.readouterr().err
 
 
+PERCENT = [f"joint_{k}_torque_%" for k in range(1, 8)]
+RATED = np.array([176.0, 176.0, 110.0, 110.0, 60.0, 40.0, 40.0])
+"""Rated torque of each drive, N m."""
+
+
+def test_per_cent_of_rated_torque_get_gains_by_a_known_load(urdf, tmp_path, capsys):
+    load = Payload.draw(2.5, 3)
+    options = JointOptions(duration=15.0, rate_hz=125.0, payload=load)
+    head = ",".join(["time", *(f"q_{k}" for k in range(1, 8)), *PERCENT])
+    files = []
+    for name, one in (("full", options), ("empty", replace(options, payload=None, repeat=1))):
+        streams = generate(IIWA, 9405, {}, one).streams
+        table = np.column_stack([streams.time, streams.position, 100.0 * streams.effort / RATED])
+        files.append(str(write(tmp_path / f"{name}.csv", table, head)))
+    read = JointRecording.read(files[0], urdf)
+    assert any("drive_units" in line for line in read.problem_lines())
+    asked = ["estimate", files[0], "--without", files[1], "--urdf", str(urdf), "--json"]
+    assert main([*asked, "--known-load", "2.5"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    for gain, rated in zip(told["drive_gains"].values(), RATED, strict=True):
+        assert abs(gain["value"] - 0.01 * rated) < 3.0 * gain["std"] < 0.002 * rated
+    np.testing.assert_allclose(told["payload"]["com"]["value"], load.com, atol=2e-3)
+
+
 def test_two_recordings_of_currents_are_in_the_units_of_the_first(short):
     first = short.scaled(1.0 / np.arange(1.0, 8.0)).scaled(np.arange(1.0, 8.0), np.full(7, 0.05))
     second = short.scaled(1.0 / np.arange(1.0, 8.0)).scaled(np.full(7, 3.0), np.full(7, 0.05))

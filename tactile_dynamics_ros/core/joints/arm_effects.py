@@ -104,6 +104,7 @@ class JointCoupling(LinearJointEffect):
     names: tuple[str, ...] = ()
 
     name = "joint_coupling"
+    regional = True
     family = "drive"
     formula = "C sign(q'_neighbour) + D q'_neighbour"
     looks_like = "A joint's error follows the direction and speed of its neighbour."
@@ -164,6 +165,7 @@ class LinkCable(LinearJointEffect):
     names: tuple[str, ...] = ()
 
     name = "link_cable"
+    regional = True
     family = "outside"
     formula = "-J_link^T F"
     looks_like = "All joints up to a link err as if a constant force pulled on it, in any pose."

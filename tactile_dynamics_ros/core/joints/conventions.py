@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.joints.arm import Arm
-from tactile_dynamics_ros.core.joints.noise import dispersion
+from tactile_dynamics_ros.core.joints.prior import dispersion
 from tactile_dynamics_ros.core.joints.samples import JointSamples
 from tactile_dynamics_ros.core.streams.joint_streams import JointStreams
 

@@ -10,12 +10,8 @@ import numpy as np
 
 from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
-from tactile_dynamics_ros.core.joints.effects import (
-    JOINTS,
-    JointReading,
-    PerJointEffect,
-    ReadingGroup,
-)
+from tactile_dynamics_ros.core.joints.effects import JOINTS, JointReading, ReadingGroup
+from tactile_dynamics_ros.core.joints.per_joint import PerJointEffect
 from tactile_dynamics_ros.core.joints.samples import JointSamples
 from tactile_dynamics_ros.core.joints.situation import Situation
 
@@ -36,6 +32,7 @@ class StribeckFriction(PerJointEffect):
     """Friction rises towards standstill, where the lubricant's film breaks down."""
 
     name = "stribeck_friction"
+    regional = True
     family = "friction"
     formula = "F exp(-(q'/v)^2) sign(q')"
     looks_like = "Slow motion needs more torque than Coulomb and viscous friction say."
@@ -58,6 +55,7 @@ class LoadDependentFriction(PerJointEffect):
     """Gears and bearings rub more under load."""
 
     name = "load_dependent_friction"
+    regional = True
     family = "friction"
     formula = "c |tau_load| sign(q')"
     looks_like = "Friction is larger where gravity loads the joint, in either direction."
@@ -77,6 +75,7 @@ class DirectionalFriction(PerJointEffect):
     """Viscous friction differs between the directions."""
 
     name = "directional_friction"
+    regional = True
     family = "friction"
     formula = "d |q'|"
     looks_like = "Fast motion one way needs more torque than the same motion back."
@@ -223,17 +222,14 @@ class TorqueRipple(PerJointEffect):
         EffectParameter("b", "N m", 2.0, "size of the sine", 0.5),
     )
     grid: ClassVar = tuple(float(k) for k in _RIPPLES)
+    searched: ClassVar = len(_RIPPLES)
 
     def column(self, situation: Situation, joint: int, shape: float) -> Array:
         """Mean wave of each block."""
         phase = shape * situation.samples.q[:, :, joint]
         return np.stack([np.cos(phase).mean(axis=1), np.sin(phase).mean(axis=1)], axis=1)
 
-    def groups(self, situation: Situation) -> list[ReadingGroup]:
-        """For each joint the number of waves per turn that explains most of what is left."""
-        raise NotImplementedError("asked with a residual, see `strongest`")
-
-    def strongest(self, situation: Situation, residual: Array) -> list[ReadingGroup]:
+    def groups_for(self, situation: Situation, residual: Array) -> list[ReadingGroup]:
         """One reading for each joint: the waves that its residual (K, n) follows best."""
         names, found = situation.samples.arm.names, []
         for j, name in enumerate(names):

@@ -1,31 +1,29 @@
-"""What a joint's model may lack: the base of all effects, those of single joints, all by name."""
+"""What a joint's model may lack: the base of all effects, those in a regime, all by name."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 from typing import Any, ClassVar
 
 import numpy as np
 
 from tactile_dynamics_ros.core.array import Array
+from tactile_dynamics_ros.core.discrepancy.model.residual_model import Family
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.effects.registry import CatalogueEntry, EffectRegistry, entry_of
-from tactile_dynamics_ros.core.joints.situation import Situation
+from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.joints.situation import Situation, values_of
+from tactile_dynamics_ros.core.numerics.regime import Regime
 
-_STEP = 1e-5
-"""Step of central differences along the logarithm of a shape; their error is its square."""
 _CHANCE = 2.0
 """Standard deviations by which a parameter may be beyond what is possible: noise moves one of zero
 so far in 2 % of recordings."""
-_SHAPE_STD = 0.7
-"""Prior std of the logarithm of a shape about where its search began: a factor of two. Grids of
-shapes have steps of about two, so that one end of a step is no less likely than its middle."""
-_TYPICAL_SHAPE = 0.05
-"""Logarithm of a shape over its start at which an effect is plainly present in checks: small, as
-families hold the effect at the start of its shape."""
+
+
+_COPIED = ("family", "formula", "looks_like", "sentence", "remedy")
+"""What an effect in a regime says of itself as the effect does that acts everywhere; no number."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +66,8 @@ class JointEffect(ABC):
         looks_like: one plain sentence on the residual that it leaves.
         sentence: subject and verb for a verdict.
         remedy: what to do about it.
+        regional: whether it may act in a regime only.
+        searched: number of columns that each of its groups was the best of.
     """
 
     name: ClassVar[str]
@@ -76,11 +76,18 @@ class JointEffect(ABC):
     looks_like: ClassVar[str]
     sentence: ClassVar[str]
     remedy: ClassVar[str]
+    regional: ClassVar[bool] = False
+    searched: ClassVar[int] = 1
 
     @property
     def label(self) -> str:
         """Name with the reading."""
         return self.name
+
+    @property
+    def can_be_gated(self) -> bool:
+        """Whether this reading is tried in regimes."""
+        return self.regional
 
     @abstractmethod
     def parameters(self) -> tuple[EffectParameter, ...]:
@@ -97,6 +104,10 @@ class JointEffect(ABC):
     @abstractmethod
     def groups(self, situation: Situation) -> list[ReadingGroup]:
         """All readings that a recording can have, in groups that share columns."""
+
+    def groups_for(self, situation: Situation, residual: Array) -> list[ReadingGroup]:
+        """Groups that are worth a try where a residual (K, n) is left; all by default."""
+        return self.groups(situation)
 
     def start(self, coefficients: Array) -> Array:
         """Parameters from which a fit begins, given the coefficients of its columns."""
@@ -135,155 +146,83 @@ class LinearJointEffect(JointEffect):
 
 
 @dataclass(frozen=True)
-class PerJointEffect(JointEffect):
-    """An effect that each joint may have with amplitudes of its own, and perhaps a shape.
-
-    Delta_j = sum_a theta_ja f_a(motion of j; shape_j e^s_j): with a shape, s_j is the last
-    parameter of each joint.
+class GatedJointEffect(JointEffect):
+    """Torque of another effect in blocks where its regime holds, none elsewhere; see `gate_effect`.
 
     Attributes:
-        joints: numbers of those that have it; None for all.
-        shapes: where the shape of each of these begins; one for all, or empty without a shape.
-        named: names of the joints, for parameters.
+        inner: the effect.
+        regime: where it acts.
     """
 
-    joints: tuple[int, ...] | None = None
-    shapes: tuple[float, ...] = ()
-    named: tuple[str, ...] = ()
+    inner: JointEffect
+    regime: Regime
 
-    amplitudes: ClassVar[tuple[EffectParameter, ...]]
-    shape: ClassVar[EffectParameter | None] = None
-    grid: ClassVar[tuple[float, ...]] = ()
-
-    @abstractmethod
-    def column(self, situation: Situation, joint: int, shape: float) -> Array:
-        """(K, a) mean torque of each block on one joint, per amplitude."""
+    def __reduce__(self) -> tuple[Any, ...]:
+        return gate_effect, (self.inner, self.regime)
 
     @property
     def label(self) -> str:
-        """Name with the joints that have it."""
-        if self.joints is None or len(self.joints) == len(self.named):
-            return self.name
-        return f"{self.name}:{'+'.join(self.named[j] for j in self.joints)}"
-
-    @property
-    def which(self) -> tuple[int, ...]:
-        """Numbers of the joints that have it."""
-        return tuple(range(len(self.named) or 1)) if self.joints is None else self.joints
-
-    @property
-    def _each(self) -> int:
-        """Parameters of one joint."""
-        return len(self.amplitudes) + (self.shape is not None)
-
-    def _shape_of(self, place: int) -> float:
-        return self.shapes[min(place, len(self.shapes) - 1)] if self.shapes else self.grid[0]
+        """Name with the regime, then the reading."""
+        return self.name + self.inner.label[len(self.inner.name) :]
 
     def parameters(self) -> tuple[EffectParameter, ...]:
-        """Amplitudes of each joint, and the logarithm of its shape over where it began."""
-        found = []
-        for j in self.which:
-            end = f"_{self.named[j]}" if self.named else ""
-            found += [replace(p, name=p.name + end) for p in self.amplitudes]
-            if self.shape is not None:
-                shape = self.shape
-                found.append(
-                    EffectParameter(
-                        f"ln_{shape.name}{end}",
-                        "",
-                        _SHAPE_STD,
-                        f"logarithm of {shape.description} over that at which the search began",
-                        _TYPICAL_SHAPE,
-                    )
-                )
-        return tuple(found)
-
-    def scales(self) -> dict[str, tuple[str, float, str]]:
-        """The shape of each joint."""
-        if self.shape is None:
-            return {}
-        ends = [f"_{self.named[j]}" if self.named else "" for j in self.which]
-        name, unit = self.shape.name, self.shape.unit
-        return {
-            f"ln_{name}{end}": (f"{name}{end}", self._shape_of(place), unit)
-            for place, end in enumerate(ends)
-        }
-
-    def _parts(self, theta: Array) -> list[tuple[int, Array, float, float]]:
-        """Joint, amplitudes, shape and its start for each joint that has it."""
-        each, count = self._each, len(self.amplitudes)
-        found = []
-        for place, j in enumerate(self.which):
-            own = theta[place * each : (place + 1) * each]
-            first = self._shape_of(place) if self.grid else 0.0
-            bend = float(own[count]) if self.shape is not None else 0.0
-            found.append((j, own[:count], first * float(np.exp(bend)), first))
-        return found
+        """Those of the inner effect."""
+        return self.inner.parameters()
 
     def torque(self, situation: Situation, theta: Array) -> Array:
-        """Each joint's own law."""
-        found = np.zeros(situation.samples.effort.shape)
-        for j, own, shape, _ in self._parts(theta):
-            found[:, j] = self.column(situation, j, shape) @ own
-        return found
+        """That of the inner effect inside."""
+        return self._gated(situation, self.inner.torque(situation, theta))
 
     def jacobian(self, situation: Situation, theta: Array) -> Array:
-        """Columns of the amplitudes; differences along the shape."""
-        each, count = self._each, len(self.amplitudes)
-        found = np.zeros((*situation.samples.effort.shape, each * len(self.which)))
-        for place, (j, own, shape, _) in enumerate(self._parts(theta)):
-            at = place * each
-            found[:, j, at : at + count] = self.column(situation, j, shape)
-            if self.shape is not None:
-                more = self.column(situation, j, shape * np.exp(_STEP))
-                less = self.column(situation, j, shape * np.exp(-_STEP))
-                found[:, j, at + count] = (more - less) @ own / (2.0 * _STEP)
-        return found
+        """That of the inner effect inside."""
+        return self._gated(situation, self.inner.jacobian(situation, theta))
 
     def groups(self, situation: Situation) -> list[ReadingGroup]:
-        """For each shape of the grid: all joints, each alone, and every two."""
-        names = situation.samples.arm.names
-        everywhere = tuple(range(len(names)))
-        chosen = [everywhere, *((j,) for j in everywhere), *combinations(everywhere, 2)]
+        """Those of the inner effect inside."""
         found = []
-        for shape in self.grid or (0.0,):
-            columns = self._columns(situation, shape)
-            shapes = (shape,) if self.grid else ()
-            each = len(self.amplitudes)
-            reading = f"{self.name}:{shape:g}" if self.grid else self.name
-            readings = []
-            for joints in chosen:
-                own = replace(
-                    self,
-                    joints=None if joints == everywhere else joints,
-                    shapes=shapes,
-                    named=names,
-                )
-                kept = tuple(each * j + a for j in joints for a in range(each))
-                readings.append(JointReading(own, own.label, kept))
-            found.append(ReadingGroup(columns, tuple(readings), reading))
-        return found
-
-    def _columns(self, situation: Situation, shape: float) -> Array:
-        count, n = situation.samples.effort.shape
-        each = len(self.amplitudes)
-        found = np.zeros((count, n, each * n))
-        for j in range(n):
-            found[:, j, each * j : each * (j + 1)] = self.column(situation, j, shape)
+        for group in self.inner.groups(situation):
+            effects = [gate_effect(r.effect, self.regime) for r in group.readings]
+            readings = tuple(
+                JointReading(effect, effect.label, reading.kept)
+                for effect, reading in zip(effects, group.readings, strict=True)
+            )
+            columns = self._gated(situation, group.columns)
+            found.append(ReadingGroup(columns, readings, f"{group.reading}[{self.regime}]"))
         return found
 
     def start(self, coefficients: Array) -> Array:
-        """Amplitudes as in the columns, shapes where the search began."""
-        if self.shape is None:
-            return coefficients
-        rows = coefficients.reshape(len(self.which), -1)
-        return np.hstack([rows, np.zeros((len(rows), 1))]).reshape(-1)
+        """That of the inner effect."""
+        return self.inner.start(coefficients)
+
+    def scales(self) -> dict[str, tuple[str, float, str]]:
+        """Those of the inner effect."""
+        return self.inner.scales()
 
     def where(self, names: Sequence[str]) -> str:
-        """The joints that have it."""
-        if self.joints is None or len(self.joints) == len(names):
-            return ""
-        return " and ".join(names[j] for j in self.joints)
+        """That of the inner effect."""
+        return self.inner.where(names)
+
+    def _gated(self, situation: Situation, values: Array) -> Array:
+        inside = self.regime.inside(lambda symbol: values_of(situation.samples, symbol))
+        return np.asarray(values * inside.reshape(-1, *[1] * (values.ndim - 1)))
+
+
+def gate_effect(effect: JointEffect, regime: Regime) -> JointEffect:
+    """An effect that acts in a regime only, with the name ``name[regime]``.
+
+    Raises:
+        BadInputError: the effect acts always or never.
+    """
+    name = f"{effect.name}[{regime}]"
+    if not effect.regional:
+        raise BadInputError(
+            f"effect '{name}': it acts everywhere or not at all; leave the regime out"
+        )
+    body = {one: getattr(type(effect), one) for one in _COPIED}
+    kind = type("GatedJointEffect", (GatedJointEffect,), body | {"name": name})
+    gated = kind(effect, regime)
+    assert isinstance(gated, GatedJointEffect)
+    return gated
 
 
 JOINT_EFFECT_NAMES = (
@@ -312,6 +251,7 @@ JOINTS: EffectRegistry[JointEffect] = EffectRegistry(
         "tactile_dynamics_ros.core.joints.drive_effects",
         "tactile_dynamics_ros.core.joints.arm_effects",
     ),
+    gate=gate_effect,
 )
 """Effects of an arm's joints, drives and torque sensors."""
 
@@ -321,6 +261,38 @@ def describe_joint_effect(name: str) -> CatalogueEntry:
     effect = JOINTS.create(name)
     entry = entry_of(effect, JOINTS.model, effect.parameters(), (name,))
     return replace(entry, meaning=entry.meaning.partition("\n\nAttributes:")[0])
+
+
+def families_in(
+    effect: JointEffect, situation: Situation, residual: Array, whiten: Callable[[Array], Array]
+) -> list[Family]:
+    """Families of all readings of an effect; those of one group share columns.
+
+    Args:
+        effect: of any reading.
+        situation: that it acts on.
+        residual: (K, n) torques that the model leaves, N m.
+        whiten: makes rows (K n, m) white.
+    """
+    groups = effect.groups_for(situation, residual)
+    alike = [len(reading.kept) for one in groups for reading in one.readings]
+    found = []
+    for group in groups:
+        columns = whiten(group.columns.reshape(residual.size, -1))
+        found += [
+            Family(
+                effect.name,
+                reading.label,
+                group.reading,
+                columns,
+                reading.kept,
+                alike.count(len(reading.kept)) * effect.searched,
+                reading.effect,
+                regional=reading.effect.can_be_gated,
+            )
+            for reading in group.readings
+        ]
+    return found
 
 
 def in_units(entry: dict[str, Any], scale: tuple[str, float, str] | None) -> dict[str, Any]:

@@ -11,9 +11,10 @@ import numpy as np
 
 from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.contract import central_differences
-from tactile_dynamics_ros.core.errors import BadInputError
+from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.joints.arm import Arm
 from tactile_dynamics_ros.core.joints.conventions import refuse_degrees
+from tactile_dynamics_ros.core.joints.live import KnownArm
 from tactile_dynamics_ros.core.joints.model import JointsModel
 from tactile_dynamics_ros.core.joints.samples import JointSamples
 from tactile_dynamics_ros.core.numerics.least_squares import levenberg_marquardt
@@ -280,6 +281,33 @@ def estimate(
     """Estimate friction, payload and effects of an arm; arguments as of `fit`."""
     model = fit(streams, effects, without, flange, known_load)
     return JointsEstimate(model, streams, without is not None)
+
+
+def refit(streams: JointStreams, effects: Sequence[str], known: KnownArm) -> KnownArm:
+    """Fit an arm with effects to what was measured last; nothing may have touched it.
+
+    Args:
+        streams: measured.
+        effects: names, with readings.
+        known: the model that has been used.
+
+    Raises:
+        BadInputError: an effect is unknown.
+        NotIdentifiableError: it moved too little, or the effects lower no error.
+    """
+    model = fit(streams, effects)
+    still = JointsEstimate(model, streams).still
+    if model.too_short or still:
+        why = model.too_short or f"{', '.join(still)} hardly moved"
+        raise NotIdentifiableError(f"{', '.join(effects)}: {why}")
+    found = model.known
+    before, after = (one.error(model.samples, model.effort_std) for one in (known, found))
+    if after >= before:
+        raise NotIdentifiableError(
+            f"with {', '.join(found.labels)} the error is {after:.2f} times the noise, "
+            f"{before:.2f} by the model so far, which is kept"
+        )
+    return found
 
 
 def _possible(given: Array, covariance: Array) -> tuple[Array, Array]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,12 @@ from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.joints.arm import Arm
-from tactile_dynamics_ros.core.joints.model import JointsModel
+from tactile_dynamics_ros.core.joints.live import KnownArm
 from tactile_dynamics_ros.core.joints.prior import FRICTION_STD, USUAL_SHARE, BodyPrior, all_columns
+from tactile_dynamics_ros.core.joints.samples import BLOCK, JointSamples
+from tactile_dynamics_ros.core.numerics.least_squares import DECISIVE, chi_square_beside
 from tactile_dynamics_ros.core.numerics.search import SearchConfig, evolve
+from tactile_dynamics_ros.core.weighing.arm import Plane, SerialArm, nearest
 
 _WAVES = 5
 """Sines of each joint: their ten numbers make reversals at many places; fewer repeat themselves,
@@ -21,6 +25,12 @@ more are faster than arms like."""
 _INSTANTS = 120
 """Instants at which a motion is judged: four a second of half a minute. Twice as many change the
 expected std of a payload by 3 %."""
+_CLEAR_HZ = 16.0
+"""Rate at which clearance is judged in the search, Hz: links move some centimetres meanwhile."""
+_MARGIN = 0.02
+"""Distance that links keep from each other and from the floor, m, as for weighing; what is nearer
+in the middle of all ranges, as neighbours in a chain, may stay so. Half of it is left between the
+instants of the search."""
 _RAMP = 0.1
 """Share of a motion in which it begins from rest, and in which it ends."""
 _NOISE = 0.02
@@ -34,6 +44,9 @@ _NEAREST = 0.5
 finger are always nearer than arms have to be."""
 _SEARCH = SearchConfig(samples=32, elites=4, rounds=8)
 """Evaluations of the search, 300 in all, some seconds; twice as many tell 5 % more."""
+_PERIOD, _OF_BLOCK = 0.02, 4
+"""Time between the points of motions that separate, s, and points of a block: 50 Hz follow the
+fastest sines, and 80 ms are the blocks of recordings at that rate."""
 _BY_ONES = 0.3
 """Std of the first variations of amplitudes, whose largest is 1."""
 
@@ -56,6 +69,10 @@ class JointLimits:
     def __post_init__(self) -> None:
         """Check the ranges."""
         check_ranges(self)
+
+
+_SHORTER = JointLimits(duration=20.0)
+"""Limits of motions that separate: 20 s, as for held objects; the usual ones else."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,23 +108,51 @@ class JointMotion:
         return {"joint_names": list(self.names), "points": points}
 
 
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """What a recording told of an arm, by one explanation of it.
+
+    Attributes:
+        known: the explanation.
+        root: (P, P) of the prior's covariance of the bodies.
+        noise: (n,) of the mean torque of a block of `BLOCK`, N m.
+        information: (p, p) on [friction, bodies in units of the root, parameters of effects], with
+            the prior.
+    """
+
+    known: KnownArm
+    root: Array
+    noise: Array
+    information: Array
+
+    def columns(self, samples: JointSamples) -> Array:
+        """(M, p) derivative of the torques of other samples by what the information is on."""
+        friction, bodies = all_columns(samples)
+        situation = self.known.situation(samples)
+        found = [friction, bodies @ self.root]
+        for effect, theta in self.known.effects:
+            found.append(effect.jacobian(situation, theta).reshape(len(friction), -1))
+        return np.concatenate(found, axis=1)
+
+
 class _Design:
     """Judges motions of an arm by what they tell beside what is known."""
 
-    def __init__(self, arm: Arm, limits: JointLimits, known: JointsModel | None) -> None:
+    def __init__(
+        self, arm: Arm, limits: JointLimits, known: Learned | None, shape: SerialArm | None = None
+    ) -> None:
         self.arm, self.limits = arm, limits
-        prior = BodyPrior.of(arm)
-        self.root = prior.root(USUAL_SHARE if known is None else known.basis.share)
+        self.shape = None if shape is None or shape.names != arm.names else shape.by_bodies
         n = len(arm.names)
-        self.information = np.eye(3 * n + len(self.root))
-        self.information[: 3 * n, : 3 * n] /= FRICTION_STD**2
         if known is None:
+            self.root = BodyPrior.of(arm).root(USUAL_SHARE)
+            self.information = np.eye(3 * n + len(self.root))
+            self.information[: 3 * n, : 3 * n] /= FRICTION_STD**2
             self.noise = np.full(n, _NOISE * self._most_torque())
         else:
-            self.noise = known.effort_std
-            friction, bodies = all_columns(known.samples)
-            columns = known.whiten(np.hstack([friction, bodies @ self.root]))
-            self.information += columns.T @ columns
+            self.root, self.noise = known.root, known.noise
+            size = 3 * n + len(self.root)
+            self.information = known.information[:size, :size]
 
     def _most_torque(self) -> float:
         """Torque of gravity with the arm stretched out, N m."""
@@ -157,11 +202,23 @@ class _Design:
         friction = np.concatenate([one[:, :, None] * np.eye(n) for one in shapes], axis=2)
         columns = np.concatenate([friction, bodies @ self.root], axis=2) / self.noise[:, None]
         white = columns.reshape(len(time) * n, -1)
-        blocks = self.limits.duration / (0.04 * len(time))
-        return self.information + blocks * white.T @ white, self._too_near(moved.places)
+        blocks = self.limits.duration / (BLOCK * len(time))
+        near = self.too_near(self.motion(numbers, round(_CLEAR_HZ * self.limits.duration))[1])
+        return self.information + blocks * white.T @ white, near
 
-    def _too_near(self, places: list[Array]) -> float:
-        limits, n = self.limits, len(places)
+    def too_near(self, positions: Array) -> float:
+        """By how much a motion (N, n) comes nearer than it may to floor and arm, m.
+
+        By the shapes of the links where they are known, else by the distances of joints.
+        """
+        limits = self.limits
+        if self.shape is not None:
+            rest = 0.5 * (self.shape.limits("lower") + self.shape.limits("upper"))
+            floor = (Plane(np.array([0.0, 0.0, 1.0]), limits.floor),)
+            found = nearest(self.shape, floor, positions, rest, _MARGIN)
+            return max(0.0, -round(found.room, 6))
+        still = np.zeros_like(positions)
+        places, n = self.arm.motion(positions, still, still).places, len(self.arm.names)
         low = sum(float(np.maximum(limits.floor - p[:, 2], 0.0).max()) for p in places[2:])
         near = 0.0
         for i in range(n):
@@ -189,9 +246,10 @@ class _Design:
 def design_motion(
     arm: Arm,
     limits: JointLimits,
-    known: JointsModel | None = None,
+    known: Learned | None = None,
     seed: int = 0,
     rate_hz: float = 50.0,
+    shape: SerialArm | None = None,
 ) -> JointMotion:
     """Design a motion that tells most of links, friction and a payload.
 
@@ -201,23 +259,113 @@ def design_motion(
         known: of a recording: the motion tells what that did not.
         seed: of the search.
         rate_hz: of the points.
+        shape: of its links; without it distances of joints stand for them.
 
     Raises:
         NotIdentifiableError: no motion keeps clear of floor and arm.
     """
-    design, random = _Design(arm, limits, known), np.random.default_rng(seed)
-    shape = (len(arm.names), 2 * _WAVES + 2)
-    parents = random.normal(size=(_SEARCH.samples, *shape))
-    found = evolve(design.costs, parents, np.full(shape, _BY_ONES), random, _SEARCH)
+    design, random = _Design(arm, limits, known, shape), np.random.default_rng(seed)
+    size = (len(arm.names), 2 * _WAVES + 2)
+    parents = random.normal(size=(_SEARCH.samples, *size))
+    found = evolve(design.costs, parents, np.full(size, _BY_ONES), random, _SEARCH)
     information, near = design.gained(found.best)
+    time, q, dq, ddq = design.motion(found.best, round(limits.duration * rate_hz) + 1)
+    near = max(near, design.too_near(q) - 0.5 * _MARGIN)
     if near > 0.0:
         raise NotIdentifiableError(
             f"no motion keeps clear of floor and arm (by {1e3 * near:.0f} mm): lower `floor` or "
             "`clearance`, or use less `reach`"
         )
-    time, q, dq, ddq = design.motion(found.best, round(limits.duration * rate_hz) + 1)
     stds = design.mass_std(design.information), design.mass_std(information)
     return JointMotion(arm.names, time, q, dq, ddq, stds)
+
+
+class _Separation(_Design):
+    """Judges motions by how far other explanations would be from the torques of the best.
+
+    Source: Box, Hill 1967, as for held objects.
+    """
+
+    def __init__(
+        self, arm: Arm, limits: JointLimits, best: Learned, others: Sequence[Learned]
+    ) -> None:
+        super().__init__(arm, limits, best)
+        self.best, self.others = best, others
+
+    def samples(self, numbers: Array) -> tuple[JointSamples, float]:
+        """Blocks of a motion, and by how much it comes too near to something, m."""
+        count = round(self.limits.duration / _PERIOD)
+        time, q, dq, ddq = self.motion(numbers, count)
+        near = self.too_near(q)
+        starts = np.arange(_OF_BLOCK, count - 2 * _OF_BLOCK, _OF_BLOCK)
+        signals = (time, q, np.zeros_like(q))
+        return JointSamples.of_blocks(self.arm, signals, starts, _OF_BLOCK, _PERIOD), near
+
+    def gaps(self, samples: JointSamples) -> Array:
+        """Expected chi^2 that each of the others leaves where the best is right."""
+        std = self.noise * np.sqrt(BLOCK / samples.length)
+        expected = self.best.known.predict(samples, past=True)
+        found = []
+        for other in self.others:
+            white = ((expected - other.known.predict(samples, past=True)) / std).reshape(-1)
+            columns = other.columns(samples).reshape(*expected.shape, -1) / std[:, None]
+            columns = columns.reshape(len(white), -1)
+            found.append(chi_square_beside(white, columns, other.information))
+        return np.array(found)
+
+    def costs(self, tried: Array) -> Array:
+        """(C,) minus what motions (C, n, D) refute, each up to twice what is decisive."""
+        found = []
+        for numbers in tried:
+            samples, near = self.samples(numbers)
+            gaps = np.minimum(self.gaps(samples), 2.0 * DECISIVE)
+            found.append(_PENALTY * near - float(gaps.sum()))
+        return np.array(found)
+
+
+def plan_separation(
+    arm: Arm, best: Learned, others: Sequence[Learned], names: Sequence[str]
+) -> dict[str, Any] | None:
+    """Find the motion after which other explanations of a recording would be refuted.
+
+    The new recording completes the present one: both are asked together.
+
+    Args:
+        arm: whose limits are kept.
+        best: the explanation that was chosen.
+        others: those that cannot be told from it.
+        names: of their effects.
+
+    Returns:
+        Kind, description in words, what it refutes, expected chi^2, and the motion as the fields
+        of a trajectory_msgs/JointTrajectory; None if nothing would help.
+    """
+    design, random = _Separation(arm, _SHORTER, best, others), np.random.default_rng(0)
+    shape = (len(arm.names), 2 * _WAVES + 2)
+    parents = random.normal(size=(_SEARCH.samples, *shape))
+    least = -2.0 * DECISIVE * len(others)
+    numbers = next((one for one in parents if design.costs(one[None])[0] <= least), None)
+    if numbers is None:
+        search = replace(_SEARCH, rounds=_SEARCH.rounds // 2)
+        numbers = evolve(design.costs, parents, np.full(shape, _BY_ONES), random, search).best
+    samples, near = design.samples(numbers)
+    gaps = design.gaps(samples)
+    told = [name for name, gap in zip(names, gaps, strict=True) if gap >= DECISIVE]
+    if near > 0.0 or not told:
+        return None
+    path = design.motion(numbers, round(_SHORTER.duration / _PERIOD) + 1)
+    reach = np.abs(path[1] - path[1].mean(axis=0)).max(axis=0)
+    return {
+        "kind": "motion",
+        "description": (
+            f"move all joints for {_SHORTER.duration:.0f} s along the trajectory of this answer, "
+            f"at most {reach.max():.1f} rad from its middle, and ask about both recordings together"
+        ),
+        "separates_from": told,
+        "expected_chi_square": float(gaps.max()),
+        "duration_s": _SHORTER.duration,
+        "trajectory": JointMotion(arm.names, *path, (np.nan, np.nan)).to_document(),
+    }
 
 
 def _at_rest(share: Array) -> Array:

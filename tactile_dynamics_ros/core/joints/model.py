@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from tactile_dynamics_ros.core.array import Array
-from tactile_dynamics_ros.core.discrepancy.model.least_squares import LeastSquaresModel
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import (
     Convention,
     Family,
@@ -23,27 +22,32 @@ from tactile_dynamics_ros.core.discrepancy.verdict.validation import held_out
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.joints.conventions import find_reading, reread
-from tactile_dynamics_ros.core.joints.drive_effects import TorqueGain, TorqueRipple
+from tactile_dynamics_ros.core.joints.drive_effects import TorqueGain
 from tactile_dynamics_ros.core.joints.effects import (
     JOINTS,
+    GatedJointEffect,
     JointEffect,
-    PerJointEffect,
     are_allowed,
+    families_in,
     in_units,
 )
-from tactile_dynamics_ros.core.joints.noise import dispersion, seen_noise, stated_noise, whitener
+from tactile_dynamics_ros.core.joints.excitation import Learned, plan_separation
+from tactile_dynamics_ros.core.joints.live import KnownArm
+from tactile_dynamics_ros.core.joints.per_joint import PerJointEffect
+from tactile_dynamics_ros.core.joints.posterior import FittedArm
 from tactile_dynamics_ros.core.joints.prior import (
     FRICTION_STD,
     USUAL_SHARE,
-    Basis,
     BodyPrior,
     all_columns,
     basis_of,
     likeliest_share,
+    seen_noise,
+    stated_noise,
+    whitener,
 )
-from tactile_dynamics_ros.core.joints.samples import JointSamples
+from tactile_dynamics_ros.core.joints.samples import BLOCK, JointSamples
 from tactile_dynamics_ros.core.joints.situation import Situation, conditions_of
-from tactile_dynamics_ros.core.numerics.banded import BandedWhitener
 
 _ROUNDS = 4
 """Rounds of fit and noise: the floors of a residual settle to 1 % in three."""
@@ -56,41 +60,14 @@ _BETTER = 0.7
 """Error of another reading of the torques over that as they are from which it is another
 convention: half of the squares. Signs and units change errors by far more; gains that are off by a
 third, which are an effect, by less."""
-_SHORT = 8.0
+SHORTEST = 8.0
 """Length of a recording, s, below which "nothing is missing" means nothing: joints have turned back
 only a few times by then."""
 
 
 @dataclass(frozen=True, eq=False)
-class JointsModel(LeastSquaresModel[JointEffect]):
-    """Mean joint torques of blocks: rigid bodies, plain friction, effects.
-
-    tau = Y phi + F sign(q') + B q' + o + sum of effects; phi of links and payload by the URDF's
-    prior. Own parameters are [F, B, o of each joint, z].
-
-    Attributes:
-        samples: what was measured.
-        basis: of the bodies' parameters.
-        parts: own parameters.
-        effects: of the model. theta: their parameters.
-        catalogue: names of the effects that may be tried.
-        effort_std: (n,) noise of a block's mean torque, N m.
-        whitening: of the rows.
-        situation: that effects act on.
-        misfit: factor on the squares of the noise that a misfit is, 1 for none: priors of bodies
-            and of gains count so much more against a residual that is correlated.
-    """
-
-    samples: JointSamples
-    basis: Basis
-    parts: Array
-    effects: tuple[JointEffect, ...]
-    theta: tuple[Array, ...]
-    catalogue: tuple[str, ...]
-    effort_std: Array
-    whitening: BandedWhitener
-    situation: Situation
-    misfit: float = 1.0
+class JointsModel(FittedArm):
+    """An arm's joint torques as a model that the diagnosis can question."""
 
     @classmethod
     def fit(
@@ -148,8 +125,6 @@ class JointsModel(LeastSquaresModel[JointEffect]):
         """
         model = self
         for label in labels:
-            if "[" in label:
-                raise BadInputError(f"effect '{label}': no regimes here; leave the regime out")
             name, _, reading = label.partition(":")
             families = model.families_of(name)
             wanted = name if reading == _ALL else label
@@ -161,11 +136,6 @@ class JointsModel(LeastSquaresModel[JointEffect]):
             assert isinstance(tried, JointsModel)
             model = tried.refined()
         return model
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """Names of the joints."""
-        return self.samples.arm.names
 
     @property
     def own(self) -> Array:
@@ -261,58 +231,17 @@ class JointsModel(LeastSquaresModel[JointEffect]):
     def too_short(self) -> str:
         """Why a short recording cannot show that nothing is missing."""
         lasts = len(self.samples.time) * self.samples.length
-        if lasts >= _SHORT:
+        if lasts >= SHORTEST:
             return ""
-        return f"the recording has {lasts:.0f} s of motion; record {_SHORT:.0f} s at least"
+        return f"the recording has {lasts:.0f} s of motion; record {SHORTEST:.0f} s at least"
 
     @property
-    def friction(self) -> Array:
-        """(3, n) Coulomb friction, viscous friction, offset."""
-        return self.parts[: 3 * len(self.joints)].reshape(3, -1)
-
-    @cached_property
-    def bodies(self) -> Array:
-        """(P,) dynamic parameters of links and payload, links in their own frames."""
-        return self.basis.mean + self.basis.back @ self.parts[3 * len(self.joints) :]
-
-    @property
-    def scale_std(self) -> float:
-        """Std of the logarithm of all torques' common scale, unless a payload was weighed."""
-        std = self.samples.gain_std
-        return 0.0 if std is None or self.basis.mean[-10] > 0.0 else float(std.min())
-
-    @property
-    def drive_gains(self) -> Array:
-        """(n,) how much each torque reads over what it is, by the effect of gains; 1 without."""
-        found = np.ones(len(self.joints))
-        for effect, theta in zip(self.effects, self.theta, strict=True):
-            if isinstance(effect, TorqueGain):
-                found[list(effect.which)] += theta
-        return found
-
-    @property
-    def link_bodies(self) -> Array:
-        """(n, 10) dynamic parameters of the links in their own frames."""
-        return self.bodies[:-10].reshape(-1, 10)
-
-    @property
-    def payload(self) -> Array:
-        """(10,) dynamic parameters of the payload in the last link's frame."""
-        return np.asarray(self.samples.arm.to_last_link @ self.bodies[-10:])
-
-    def bodies_covariance(self) -> Array:
-        """(P, P) of `bodies`, widened by the misfit; the prior's where nothing is told."""
-        first, kept, root = 3 * len(self.joints), self.basis.kept, self.basis.root
-        last = len(self.parts)
-        told = self.covariance[first:last, first:last]
-        whole = np.eye(len(root)) - kept @ kept.T + kept @ told @ kept.T
-        return np.asarray(root @ whole @ root.T)
-
-    @property
-    def covariance(self) -> Array:
-        """(p, p) of all parameters, widened by the misfit and by how far it is correlated."""
-        whole = self.evaluated[1]
-        return np.asarray(self.dispersion * np.linalg.inv(whole.T @ whole))
+    def known(self) -> KnownArm:
+        """What is kept for later use."""
+        left = np.sqrt(np.mean(self.residuals().physical ** 2, axis=0))
+        pairs = tuple(zip(self.effects, self.theta, strict=True))
+        bodies, noise = (self.link_bodies, self.payload, self.friction), self.effort_std
+        return KnownArm(self.joints, *bodies, noise, left, pairs)
 
     def tempered(self, effects: Sequence[str] = ()) -> JointsModel:
         """Fit with priors that count as much as the residual's independent parts do.
@@ -328,11 +257,6 @@ class JointsModel(LeastSquaresModel[JointEffect]):
             model = self.fitted_from((*self.effects, *doubts), (*self.theta, *zeros)).refined()
         model = replace(model, misfit=model.dispersion)
         return model.fitted_from(model.effects, model.theta)
-
-    @cached_property
-    def dispersion(self) -> float:
-        """Factor on variances: mean square of the residual times its correlation time."""
-        return dispersion(self.residual.reshape(-1, len(self.joints)), self.samples.length)
 
     def parameters_of(self, effect: JointEffect) -> tuple[EffectParameter, ...]:
         """Parameters of an effect."""
@@ -385,29 +309,8 @@ class JointsModel(LeastSquaresModel[JointEffect]):
 
     def families_of(self, name: str) -> list[Family]:
         """Families of all readings of an effect; those of one group share columns."""
-        effect, found = JOINTS.create(name), []
-        searched = len(effect.grid) if isinstance(effect, TorqueRipple) else 1
-        if isinstance(effect, TorqueRipple):
-            left = self.lack(self.x, self.effects).reshape(-1, len(self.joints))
-            groups = effect.strongest(self.situation, left)
-        else:
-            groups = effect.groups(self.situation)
-        alike = [len(reading.kept) for one in groups for reading in one.readings]
-        for group in groups:
-            columns = self.whiten(group.columns.reshape(len(self.time), -1))
-            found += [
-                Family(
-                    name,
-                    reading.label,
-                    group.reading,
-                    columns,
-                    reading.kept,
-                    alike.count(len(reading.kept)) * searched,
-                    reading.effect,
-                )
-                for reading in group.readings
-            ]
-        return found
+        left = self.lack(self.x, self.effects).reshape(-1, len(self.joints))
+        return families_in(JOINTS.create(name), self.situation, left, self.whiten)
 
     def guess(self, family: Family, coefficients: Array) -> Array:
         """Start of an effect's parameters."""
@@ -422,7 +325,7 @@ class JointsModel(LeastSquaresModel[JointEffect]):
             physical=self.lack(self.x, self.effects).reshape(-1, len(self.joints)),
             channels=self.joints,
             units=samples.arm.units,
-            conditions=conditions_of(samples, white),
+            conditions=conditions_of(samples, white, self._gated_by),
             drivers=np.concatenate([*samples.middle, np.sign(samples.middle[1])], axis=1),
             alone="rigid links and friction",
             about="The model predicts the torques of an arm's drives from its motion: rigid links "
@@ -430,6 +333,26 @@ class JointsModel(LeastSquaresModel[JointEffect]):
             "joint.",
         )
 
+    @property
+    def _gated_by(self) -> list[str]:
+        """Symbols of the scalars that bound regimes of the effects."""
+        regimes = [e.regime for e in self.effects if isinstance(e, GatedJointEffect)]
+        return [gate.symbol for regime in regimes for gate in regime.gates]
+
+    @property
+    def learned(self) -> Learned:
+        """What the recording told, for motions that tell more."""
+        friction, bodies = all_columns(self.samples)
+        own = self.whiten(np.hstack([friction, bodies @ self.basis.root]))
+        columns = np.hstack([own, -self.jacobian[:, len(self.parts) :]])
+        stds = [np.full(friction.shape[1], FRICTION_STD), np.ones(bodies.shape[1])]
+        prior = np.diag(np.concatenate([*stds, self.prior_stds(self.effects)]) ** -2.0)
+        noise = self.effort_std * np.sqrt(self.samples.length / BLOCK)
+        information = prior + columns.T @ columns / self.dispersion
+        return Learned(self.known, self.basis.root, noise, information)
+
     def plan_against(self, rivals: Sequence[JointsModel]) -> dict[str, Any] | None:
-        """None: no motion is planned."""
-        return None
+        """The motion in joint space that refutes rivals, if there is one."""
+        names = [rival.effects[-1].name for rival in rivals]
+        others = [rival.learned for rival in rivals]
+        return plan_separation(self.samples.arm, self.learned, others, names)

@@ -16,7 +16,7 @@ from tactile_dynamics_ros.core.numerics.local_polynomial import typical_period
 from tactile_dynamics_ros.core.numerics.noise import white_noise_std
 from tactile_dynamics_ros.core.streams.joint_streams import JointStreams
 
-_BLOCK = 0.04
+BLOCK = 0.04
 """Length of a block, s: 25 blocks a second, so that torques that follow a motion of up to 2 Hz and
 its harmonics are seen, while means of 20 samples at 500 Hz have a fifth of their noise. Longer ones
 blur reversals, shorter ones cost time and let noise of accelerations through."""
@@ -110,7 +110,7 @@ class JointSamples:
         if len(time) < 3 * _FEWEST_SAMPLES:
             raise NotIdentifiableError(f"joints: {len(time)} samples; record some seconds")
         period = typical_period(time)
-        count = max(_FEWEST_SAMPLES, round(_BLOCK / period))
+        count = max(_FEWEST_SAMPLES, round(BLOCK / period))
         count = min(4 * count, max(count, len(time) // _MOST_BLOCKS))
         starts = _block_starts(time, count, _GAP * period)[:_MOST_BLOCKS]
         if len(starts) < _FEWEST_BLOCKS:

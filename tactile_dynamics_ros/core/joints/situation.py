@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.signal import savgol_filter
 
 from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import Condition
+from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.joints.arm import Motion
 from tactile_dynamics_ros.core.joints.samples import JointSamples
 
@@ -126,18 +129,47 @@ def _smoothed(values: Array, samples: JointSamples) -> Array:
     return found
 
 
-def conditions_of(samples: JointSamples, white: Array) -> tuple[Condition, ...]:
+@lru_cache(maxsize=4)
+def joint_scalars(samples: JointSamples) -> dict[str, Condition]:
+    """Scalars of blocks by symbol: `t`; `speed_`, `velocity_` and `position_` of each joint."""
+    q, dq, _ = samples.middle
+    found = [Condition("time", "s", samples.time, symbol="t")]
+    for j, name in enumerate(samples.arm.names):
+        unit = "m" if samples.arm.joints[j].slides else "rad"
+        for kind, per, values in (
+            ("speed", "/s", np.abs(dq[:, j])),
+            ("velocity", "/s", dq[:, j]),
+            ("position", "", q[:, j]),
+        ):
+            symbol = re.sub(r"\W", "_", f"{kind}_{name}")
+            found.append(Condition(f"{kind} of {name}", unit + per, values, symbol=symbol))
+    return {one.symbol: one for one in found}
+
+
+def values_of(samples: JointSamples, symbol: str) -> Array:
+    """Values (K,) of one scalar.
+
+    Raises:
+        BadInputError: there is none of that symbol.
+    """
+    known = joint_scalars(samples)
+    if symbol not in known:
+        raise BadInputError(f"regime: '{symbol}' is unknown; there are {', '.join(known)}")
+    return known[symbol].values
+
+
+def conditions_of(
+    samples: JointSamples, white: Array, symbols: Sequence[str] = ()
+) -> tuple[Condition, ...]:
     """What was going on: time; speed, velocity and position of the joints that err most.
 
     Args:
         samples: blocks.
         white: (K, n) residual.
+        symbols: of scalars that are wanted too.
     """
-    q, dq, _ = samples.middle
-    found = [Condition("time", "s", samples.time, symbol="t")]
-    for j in np.argsort(-np.mean(white**2, axis=0), kind="stable")[:_MOST_JOINTS]:
-        name = samples.arm.names[j]
-        found.append(Condition(f"speed of {name}", "rad/s", np.abs(dq[:, j])))
-        found.append(Condition(f"velocity of {name}", "rad/s", dq[:, j]))
-        found.append(Condition(f"position of {name}", "rad", q[:, j]))
-    return tuple(found)
+    worst = np.argsort(-np.mean(white**2, axis=0), kind="stable")[:_MOST_JOINTS]
+    scalars = joint_scalars(samples)
+    each = list(scalars)[1:]
+    wanted = ["t", *(each[3 * j + k] for j in worst for k in range(3)), *symbols]
+    return tuple(scalars[symbol] for symbol in dict.fromkeys(wanted))

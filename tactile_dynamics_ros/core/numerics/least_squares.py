@@ -30,6 +30,30 @@ least damping of 1e-12 growth alone would need many evaluations before a step ch
 shortens steps that were nearly good too much, smaller spends evaluations first."""
 
 
+DECISIVE = 30.0
+"""Expected chi^2 beyond which an explanation is refuted by a new recording: an error of 5.5 std in
+one direction. It is far beyond chance because errors of real sensors last and count less than white
+ones. Lower promises motions that such errors can spoil, higher finds a motion for fewer rivals."""
+
+
+def chi_square_beside(target: Array, columns: Array, prior: Array) -> float:
+    """Square of a difference (n,) that columns (n, p) with a prior cannot adapt to.
+
+    min_d |t - G d|^2 + d^T H d.
+
+    Args:
+        target: t, white.
+        columns: G, white.
+        prior: H (p, p), information on their coefficients.
+    """
+    information = columns.T @ columns + prior
+    gradient = columns.T @ target
+    scale = np.sqrt(np.diag(information))
+    scaled = information / np.outer(scale, scale)
+    solution = np.linalg.lstsq(scaled, gradient / scale, rcond=None)[0]
+    return float(target @ target - gradient @ (solution / scale))
+
+
 def levenberg_marquardt(
     evaluate: Evaluate, start: Array, iterations: int = 30, tolerance: float = 1e-7
 ) -> tuple[Array, bool]:

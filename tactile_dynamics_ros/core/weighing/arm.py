@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +68,13 @@ class SerialArm:
 
     @classmethod
     def of_urdf(
-        cls, urdf: str, base: str, tip: str, folder: str = "", what: str = "URDF"
+        cls,
+        urdf: str,
+        base: str,
+        tip: str,
+        folder: str = "",
+        what: str = "URDF",
+        drawn: bool = False,
     ) -> SerialArm:
         """Read an arm.
 
@@ -77,6 +84,8 @@ class SerialArm:
             tip: link that carries the sensor.
             folder: where relative files of meshes lie.
             what: named in errors: file or topic.
+            drawn: whether links without a shape to collide with have that with which they are
+                drawn.
 
         Raises:
             BadInputError: no joints lead from base to tip, or one of them mimics another.
@@ -91,7 +100,7 @@ class SerialArm:
             raise BadInputError(f"{what}: joints from '{base}' to '{tip}': {reason}")
         places = _places(tree, joints, base)
         fixed = [places[joint.parent][1] @ joint.origin for joint in joints]
-        hulls, unknown = _read_hulls(urdf, places, folder)
+        hulls, unknown = _read_hulls(urdf, places, folder, drawn)
         return cls(base, joints, np.array(fixed), places[tip][1], tuple(hulls), tuple(unknown))
 
     @property
@@ -126,6 +135,18 @@ class SerialArm:
         """Return the pose of the tip in the base, (N, 4, 4), at joint positions (N, J)."""
         return np.asarray(self.poses(positions)[:, -1] @ self.tip)
 
+    @cached_property
+    def by_bodies(self) -> SerialArm | None:
+        """The arm with one convex hull around each body, or None where a shape is not known."""
+        if self.unknown or len({hull.body for hull in self.hulls}) <= len(self.joints) // 2:
+            return None
+        hulls = []
+        for body in sorted({hull.body for hull in self.hulls}):
+            own = [hull for hull in self.hulls if hull.body == body]
+            points = np.concatenate([hull.points for hull in own])
+            hulls.append(Hull(own[0].link, body, _outermost(points)))
+        return replace(self, hulls=tuple(hulls))
+
     def carrying(self, reach: float, radius: float) -> SerialArm:
         """Return the arm with a cylinder on its tip for what it carries.
 
@@ -156,7 +177,7 @@ def _places(
 
 
 def _read_hulls(
-    urdf: str, places: dict[str, tuple[int, Array]], folder: str
+    urdf: str, places: dict[str, tuple[int, Array]], folder: str, drawn: bool
 ) -> tuple[list[Hull], list[str]]:
     """Return the hulls of all links, and the links whose mesh is missing."""
     hulls: list[Hull] = []
@@ -165,7 +186,7 @@ def _read_hulls(
         if link.name not in places:
             continue
         body, pose = places[link.name]
-        for collision in link.collisions:
+        for collision in link.collisions or (link.visuals if drawn else ()):
             points = _points(collision.geometry, folder)
             if points is None:
                 unknown.append(f"{link.name} ({collision.geometry.filename})")

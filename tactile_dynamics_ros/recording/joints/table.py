@@ -22,12 +22,19 @@ _WORDS = {
     "time": ("time", "timestamp", "t", "times", "timesec", "stamp"),
     "position": ("position", "q", "actualq", "jointposition", "pos", ""),
     "effort": ("effort", "torque", "tau", "tauj", "jointtorque", "measuredtorque"),
-    "current": ("current", "actualcurrent", "motorcurrent"),
+    "current": ("current", "actualcurrent", "motorcurrent", "torqueactualvalue"),
     "target_current": ("targetcurrent",),
     "target_torque": ("targetmoment", "targettorque"),
 }
 """Names of columns without signs between letters, as robots and their libraries write them: RTDE of
-Universal Robots, libfranka, PlotJuggler. A joint's name or number stands before or behind them."""
+Universal Robots, libfranka, PlotJuggler, CiA 402 (0x6077, in per mille). A joint's name or number
+stands before or behind them."""
+_LEADS = ("", "joint", "j", "axis")
+"""What may stand before the number of a joint."""
+_RATED = (*_WORDS["effort"], *_WORDS["current"], "load", "motorload", "")
+"""Names of what drives tell as a share of its rated value."""
+_SHARE = re.compile(r"[%‰]|per_?cent|per_?mille?|pct", re.IGNORECASE)
+"""Sign that a column is a share of a rated value: units of the drive, as currents are."""
 _PREFIX = re.compile(r"^(/?(robot_?)?(joint_?)?states?[./_]+)")
 """Begin of names of columns that says where a logger took them from."""
 _ABSURD = 1e6
@@ -113,18 +120,31 @@ def _plain(name: str) -> str:
 
 def _recognised(names: Sequence[str], joints: Sequence[str]) -> dict[str, list[str]]:
     """Columns of each quantity, one for each joint; "" where a joint has none."""
-    known = {_plain(name): name for name in reversed(names)}
+    shares = {_plain(_SHARE.sub("", one)): one for one in reversed(names) if _SHARE.search(one)}
+    known = {_plain(name): name for name in reversed(names) if name not in shares.values()}
     found = {"time": [known[word] for word in _WORDS["time"] if word in known][:1]}
     for what in list(_WORDS)[1:]:
-        choices = []
-        for word in _WORDS[what]:
-            first = 0 if f"{word}0" in known else 1
-            numbers = [str(k + first) for k in range(len(joints))]
-            for keys in ([_plain(joint) for joint in joints], numbers if word else []):
-                for form in ("{w}{k}", "{k}{w}"):
-                    choices.append([known.get(form.format(w=word, k=key), "") for key in keys])
+        choices = _choices(known, _WORDS[what], joints)
+        if what == "current":
+            choices += _choices(shares, _RATED, joints)
         found[what] = max(choices, key=lambda one: sum(map(bool, one)))
     return {what: one for what, one in found.items() if any(one)}
+
+
+def _choices(
+    known: Mapping[str, str], words: Sequence[str], joints: Sequence[str]
+) -> list[list[str]]:
+    """Columns of all joints by each of some words, before or behind a joint's name or number."""
+    choices = []
+    for word in words:
+        zero = any(f"{lead}0{word}" in known or f"{word}{lead}0" in known for lead in _LEADS)
+        first = 0 if zero else 1
+        numbers = [str(k + first) for k in range(len(joints))]
+        numbered = [[lead + one for one in numbers] for lead in _LEADS if lead or word]
+        for keys in ([_plain(joint) for joint in joints], *numbered):
+            for form in ("{w}{k}", "{k}{w}"):
+                choices.append([known.get(form.format(w=word, k=key), "") for key in keys])
+    return choices
 
 
 def _chosen(table: Table, remap: Remap) -> dict[str, list[str]]:

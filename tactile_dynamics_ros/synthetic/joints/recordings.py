@@ -64,6 +64,8 @@ class JointOptions:
         repeat: number of the repetition of the same motion; noise differs.
         motion: number of the motion of the same arm.
         joints: that move, from the base on.
+        path: (3, N, n) position, speed and acceleration at each sample, in place of a motion that
+            is drawn; None to draw one.
     """
 
     duration: float = 30.0
@@ -74,6 +76,7 @@ class JointOptions:
     repeat: int = 0
     motion: int = 0
     joints: int = 7
+    path: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +128,8 @@ def generate(
     if options.payload is not None:
         links[-1] = _loaded(links[-1], end, options.payload)
     time = np.arange(round(options.duration * options.rate_hz)) / options.rate_hz
-    q, dq, ddq = _motion(links, time, stream(seed, "motion", str(options.motion)))
+    drawn = _motion(links, time, stream(seed, "motion", str(options.motion)))
+    q, dq, ddq = drawn if options.path is None else options.path
     drives = _drives(links, (time, q, dq, ddq), seed)
     hidden: dict[str, Any] = {}
     chosen = dict(effects or {})

@@ -23,17 +23,13 @@ from tactile_dynamics_ros.core.inertia.excitation.design import (
 from tactile_dynamics_ros.core.inertia.excitation.limits import Grip, MotionLimits
 from tactile_dynamics_ros.core.inertia.excitation.plan import RECORDED_HZ
 from tactile_dynamics_ros.core.inertia.excitation.trajectory import FourierOffsets, HeldPose
+from tactile_dynamics_ros.core.numerics.least_squares import DECISIVE, chi_square_beside
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 
 if TYPE_CHECKING:
     from tactile_dynamics_ros.core.inertia.diagnosis.quick_fit import WhitenedModel
 
 
-_DECISIVE = 30.0
-"""Expected chi^2 beyond which a rival is refuted by the new recording: an error of 5.5 standard
-deviations in one direction. It is far beyond chance because errors of real sensors last and count
-less than white ones. Lower promises motions that such errors can spoil, higher finds a motion for
-fewer rivals."""
 _VAGUE = 1e-9
 """Information on each of the ten parameters of the body that rivals know before the new recording:
 nearly none (standard deviations of 30000 kg, m, ...), since the new recording must tell on its own.
@@ -171,7 +167,7 @@ class SeparationCriterion:
 
     def __call__(self, *parts: WrenchSamples) -> float:
         """Evaluate the criterion for a recording of one or more parts."""
-        return -float(np.minimum(self.gaps(*parts), 2.0 * _DECISIVE).sum())
+        return -float(np.minimum(self.gaps(*parts), 2.0 * DECISIVE).sum())
 
     def gaps(self, *parts: WrenchSamples) -> Array:
         """Expected chi^2 that each of the others leaves, (rivals,), of a recording at 100 Hz."""
@@ -187,7 +183,7 @@ class SeparationCriterion:
                 both = np.concatenate([differs[..., None], other.columns(samples)], axis=2)
                 rows.append(np.linalg.solve(factor, both).reshape(-1, both.shape[2]))
             white = np.sqrt(RECORDED_HZ / self.rate_hz) * np.concatenate(rows)
-            return _chi_square(white[:, 0], white[:, 1:], other.prior)
+            return chi_square_beside(white[:, 0], white[:, 1:], other.prior)
 
         return np.array([min(map(gap, readings)) for readings in self.others])
 
@@ -217,16 +213,6 @@ def _learned(model: WhitenedModel, forgotten: Sequence[bool]) -> Array:
         own, across.T
     )
     return kept
-
-
-def _chi_square(target: Array, columns: Array, prior: Array) -> float:
-    """Square of a difference (n,) that columns (n, p) with a prior cannot adapt to."""
-    information = columns.T @ columns + prior
-    gradient = columns.T @ target
-    scale = np.sqrt(np.diag(information))
-    scaled = information / np.outer(scale, scale)
-    solution = np.linalg.lstsq(scaled, gradient / scale, rcond=None)[0]
-    return float(target @ target - gradient @ (solution / scale))
 
 
 def plan_separation(best: WhitenedModel, others: Sequence[WhitenedModel]) -> dict[str, Any] | None:
@@ -268,7 +254,7 @@ def plan_separation(best: WhitenedModel, others: Sequence[WhitenedModel]) -> dic
 
 def _told(names: Sequence[str], gaps: Array) -> tuple[float, list[str]]:
     """Largest expected chi^2, and the rivals that are refuted."""
-    told = [name for name, gap in zip(names, gaps, strict=True) if gap >= _DECISIVE]
+    told = [name for name, gap in zip(names, gaps, strict=True) if gap >= DECISIVE]
     return float(gaps.max()), told
 
 
