@@ -14,7 +14,8 @@ from benchmarks.local_terms import LAWS, NOISE, ScalarModel, Term, make
 from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.core.contract import central_differences
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
-from tactile_dynamics_ros.core.discrepancy.laws import Law, NothingLearnt, learn_law, search_laws
+from tactile_dynamics_ros.core.discrepancy.law_search import search_laws
+from tactile_dynamics_ros.core.discrepancy.laws import Law, NothingLearnt, learn_law
 from tactile_dynamics_ros.core.effects import create_effects
 from tactile_dynamics_ros.core.effects.check import example_inertia, example_samples
 from tactile_dynamics_ros.core.effects.formula.file import read_effect

@@ -1,212 +1,40 @@
-"""Laws that no catalogue has: learn one from what a model leaves, or say why there is none.
-
-Many forms are searched at once, with the chance that noise alone gives such a find.
-"""
+"""Laws that no catalogue has: learn one from what a model leaves, or say why there is none."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Protocol, cast
+from typing import Any, cast
 
 import numpy as np
 
-from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.discrepancy.diagnosis import Diagnosis
-from tactile_dynamics_ros.core.discrepancy.model.residual_model import ResidualModel, instants
-from tactile_dynamics_ros.core.discrepancy.screening import FEIGNED, best_by_effect, orthonormal
-from tactile_dynamics_ros.core.discrepancy.structure import periodogram
-from tactile_dynamics_ros.core.discrepancy.trials import CHANCE, Trial, evidence, rematch
-from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import noise_floor
+from tactile_dynamics_ros.core.discrepancy.law_search import (
+    Find,
+    FittableModel,
+    LawForm,
+    Search,
+    fit_law,
+    search_laws,
+)
+from tactile_dynamics_ros.core.discrepancy.screening import best_by_effect, screen
+from tactile_dynamics_ros.core.discrepancy.search import DiagnosisConfig, explained_share
+from tactile_dynamics_ros.core.discrepancy.trials import (
+    CHANCE,
+    Trial,
+    dispersion,
+    evidence,
+    rematch,
+    try_effects,
+)
+from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import (
+    is_within_stated,
+    noise_floor,
+    stated_limit,
+)
 from tactile_dynamics_ros.core.discrepancy.verdict.validation import HeldOut, fits_equally, held_out
 from tactile_dynamics_ros.core.progress import tell
-
-
-class LawForm(Protocol):
-    """A family of laws with the same formula and free parameters, of one kind of model."""
-
-    @property
-    def name(self) -> str:
-        """Name of the form."""
-
-    @property
-    def effect(self) -> Any:
-        """The law as an effect that the model can be fitted with."""
-
-    def starts(self, model: Any, frequencies: Sequence[float]) -> list[Array]:
-        """Parameters (k,) from which fits may start.
-
-        Args:
-            model: without the law.
-            frequencies: of the strongest line of each spectrum that is searched, Hz.
-        """
-
-    def columns(self, model: Any, start: Array) -> Array:
-        """(M, m) white columns whose coefficients complete a start."""
-
-    def completed(self, start: Array, coefficients: Array) -> Array:
-        """Parameters (k,) of a start with the coefficients (m,) of its columns."""
-
-
-class FittableModel(ResidualModel, Protocol):
-    """A model that fits effects from parameters that are handed over, and can draw its noise."""
-
-    effects: tuple[Any, ...]
-    theta: tuple[Array, ...]
-
-    def fitted_from(self, effects: tuple[Any, ...], theta: tuple[Array, ...]) -> FittableModel:
-        """Fit all parameters at fixed whitening."""
-
-    def draw_noise(self, random: np.random.Generator) -> Array:
-        """(M,) noise before whitening."""
-
-    def whiten(self, rows: Array) -> Array:
-        """White form of rows (M, ...)."""
-
-
-_DRAWS = 99
-"""Recordings of noise alone on which the whole search is done too: the chance of a find is then
-known to one in a hundred, the level at which models are tested. More cost time in proportion."""
-_SLOWEST_HZ = 0.3
-"""Frequency, Hz, from which the strongest line of a spectrum is looked for: slower ones have fewer
-than ten periods in 30 s, and a drift looks like them."""
-_KEPT_STARTS = 3
-"""Starts of each form that are fitted, the best by their columns: fits from neighbours on a grid
-end alike, and three leave room for one that misleads. More cost a fit each."""
-_PROMISING = 0.3
-"""Share of the best gain that a form must reach before it is fitted: columns at a start of a grid
-show a law only in part. Higher may miss the right form, lower costs fits of hopeless ones."""
-
-
-@dataclass(frozen=True)
-class Find:
-    """A form of law fitted jointly with the model.
-
-    Attributes:
-        form: of the law.
-        model: fitted at the whitening of the model that was searched.
-        criterion: its `evidence`, with the price of the search.
-    """
-
-    form: LawForm
-    model: FittableModel
-    criterion: float
-
-    @property
-    def theta(self) -> Array:
-        """Parameters of the law."""
-        return self.model.theta[-1]
-
-
-@dataclass(frozen=True)
-class Search:
-    """Outcome of a search.
-
-    Attributes:
-        finds: the best fit of each promising form, best first.
-        p_value: chance that noise alone gives as good a start of any form.
-        tried: starts of all forms.
-    """
-
-    finds: tuple[Find, ...]
-    p_value: float
-    tried: int
-
-
-def search_laws(
-    model: FittableModel, forms: Sequence[LawForm], floor: float, seed: int = 0
-) -> Search:
-    """Try all starts of all forms, fit the best jointly with the model's own parameters.
-
-    The statistic of a search is the largest gain less (m) log(M) over all starts. The same is taken
-    of draws of the model's noise, which pay for the number of forms and starts.
-
-    Args:
-        model: fitted, without the law.
-        forms: that are tried.
-        floor: white RMS of the noise alone.
-        seed: of the draws.
-
-    Source: Schwarz 1978 (penalty); Westfall, Young 1993 (largest statistic of all tests).
-    """
-    tell("drawing recordings of noise alone")
-    random = np.random.default_rng(seed)
-    draws = [model.whiten(model.draw_noise(random)) for _ in range(_DRAWS)]
-    series = np.stack([model.residual / floor, *draws], axis=1)
-    frequencies = [_strongest_line(model, column) for column in series.T]
-    basis = orthonormal(model.jacobian)
-    series = series - basis @ (basis.T @ series)
-    best = np.full(series.shape[1], -np.inf)
-    ranked: list[list[tuple[float, Array]]] = []
-    for form in forms:
-        tell(f"searching laws: {form.name}")
-        own = []
-        for start in form.starts(model, frequencies):
-            gains, coefficients, rank = _project(form.columns(model, start), basis, series)
-            value = gains - rank * float(np.log(len(series)))
-            best = np.maximum(best, value)
-            own.append((float(value[0]), form.completed(start, floor * coefficients)))
-        ranked.append(sorted(own, key=lambda one: -one[0]))
-    p_value = (1.0 + float(np.sum(best[1:] >= best[0]))) / len(best)
-    tried = sum(map(len, ranked))
-    finds = _fit(model, zip(forms, ranked, strict=True), float(best[0]), floor, tried)
-    return Search(tuple(sorted(finds, key=lambda find: find.criterion)), p_value, tried)
-
-
-def fit_law(
-    model: FittableModel, form: LawForm, starts: Iterable[Array], floor: float, tried: int
-) -> Find:
-    """Fit one form jointly with a model from each start; return the best.
-
-    Args:
-        model: without the law.
-        form: of the law.
-        starts: parameters of the law.
-        floor: white RMS of the noise alone.
-        tried: starts of the whole search, which its evidence pays for.
-    """
-    fits = [model.fitted_from((*model.effects, form.effect), (*model.theta, s)) for s in starts]
-    finds = [Find(form, fit, evidence(fit, floor, tried)) for fit in fits]
-    return min(finds, key=lambda find: find.criterion)
-
-
-def _fit(
-    model: FittableModel,
-    ranked: Iterable[tuple[LawForm, list[tuple[float, Array]]]],
-    best: float,
-    floor: float,
-    tried: int,
-) -> list[Find]:
-    found = []
-    for form, starts in ranked:
-        if starts and best > 0.0 and starts[0][0] >= _PROMISING * best:
-            tell(f"fitting a law: {form.name}")
-            picked = [theta for _, theta in starts[:_KEPT_STARTS]]
-            found.append(fit_law(model, form, picked, floor, tried))
-    return found
-
-
-def _project(columns: Array, basis: Array, series: Array) -> tuple[Array, Array, int]:
-    """Gains of columns in each series, coefficients of the first, and their rank."""
-    unit = columns - basis @ (basis.T @ columns)
-    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    unit /= scale
-    values, vectors = np.linalg.eigh(unit.T @ unit)
-    sound = values > FEIGNED * max(float(values[-1]), 1e-300)
-    half = vectors[:, sound] / np.sqrt(values[sound])
-    score = half.T @ (unit.T @ series)
-    return np.sum(score**2, axis=0), (half @ score[:, 0]) / scale, int(sound.sum())
-
-
-def _strongest_line(model: FittableModel, white: Array) -> float:
-    """Frequency of the largest power of a white series (M,), Hz."""
-    time, shape = instants(model)
-    spectrum = periodogram(time, white.reshape(shape.shape))
-    power = spectrum.power.reshape(len(spectrum.hz), -1).sum(axis=1)
-    fast = spectrum.hz >= _SLOWEST_HZ
-    return float(spectrum.hz[fast][np.argmax(power[fast])])
-
 
 _SIGNIFICANCE = 0.015
 """Chance of such a find on noise alone below which a law may be learnt: none of the 99 draws may
@@ -219,6 +47,9 @@ laws, lower refuses right ones by chance."""
 _RIVALS = 4
 """Known effects that are fitted in place of a law, those with the best scores: the law must beat
 each. More cost a fit each."""
+_MOST_TERMS = 2
+"""Forms, or a form and a known effect, that are added up at most: each costs a search of all forms,
+and three forms with free exponents imitate much that they are not."""
 
 
 @dataclass(frozen=True)
@@ -226,18 +57,20 @@ class Law:
     """A law that was learnt.
 
     Attributes:
-        form: of the law.
+        forms: of its terms, which add up; one for most laws.
+        beside: known effects that were found to act as well.
         base: the model without it, with its known effects.
-        model: thoroughly fitted with it; the law is its last effect.
+        model: thoroughly fitted with all of them.
         before: held-out error without it.
         after: held-out error with it.
         floor: white RMS of the noise alone.
         p_value: chance that noise alone gives such a find, the whole search counted.
-        close_to: the known effect that does best in its place, or None.
-        others: forms that explain the recording as well.
+        close_to: the known effect that does best in place of a term, or None.
+        others: forms that explain the recording as well in place of the last term.
     """
 
-    form: LawForm
+    forms: tuple[LawForm, ...]
+    beside: tuple[str, ...]
     base: FittableModel
     model: FittableModel
     before: HeldOut
@@ -271,8 +104,8 @@ def learn_law(diagnosis: Diagnosis, forms: Sequence[LawForm]) -> Law | NothingLe
     """Learn the law of what a diagnosis does not explain, jointly with the model.
 
     A law is learnt only if noise alone never gives such a find, held-out blocks are explained to
-    near the floor with it, and no known effect in its place does as well. Where a known effect is
-    named and does not explain all, a law in its place is tried, then one beside it.
+    near the noise that the model states, and no known effect in its place does as well. Where a
+    known effect explains a part, a law in its place is tried, then one beside it.
 
     Args:
         diagnosis: of a fitted model.
@@ -287,50 +120,140 @@ def learn_law(diagnosis: Diagnosis, forms: Sequence[LawForm]) -> Law | NothingLe
     named = diagnosis.effect
     if named is not None and diagnosis.leaves_noise:
         return NothingLearnt(f"{named} of the catalogue explains the recording")
-    found = _learn(cast(FittableModel, diagnosis.model), diagnosis, forms)
-    if isinstance(found, Law) or named is None or diagnosis.signature is None:
+    known = _names(diagnosis)
+    found = _learn(cast(FittableModel, diagnosis.model), forms, known)
+    if isinstance(found, Law) or not diagnosis.steps:
         return found
-    return _learn(cast(FittableModel, diagnosis.explained_model), diagnosis, forms)
+    if named is not None and diagnosis.signature is None:
+        return found
+    beside = _learn(cast(FittableModel, diagnosis.steps[0].choice.model), forms, known)
+    return beside if isinstance(beside, Law) else found
+
+
+@dataclass(frozen=True)
+class _Sum:
+    """Terms that are added to a model one after the other.
+
+    Attributes:
+        base: without them.
+        model: thoroughly fitted with them.
+        forms: of those that are laws.
+        last: the search that found the newest of these; None before the first.
+        p_value: largest of all searches.
+    """
+
+    base: FittableModel
+    model: FittableModel
+    forms: tuple[LawForm, ...] = ()
+    last: Search | None = None
+    p_value: float = 0.0
+
+    @cached_property
+    def after(self) -> HeldOut:
+        """Held-out error with all terms."""
+        return held_out(self.model)
+
+    @cached_property
+    def floor(self) -> float:
+        """White RMS of the noise alone."""
+        return noise_floor(self.model)
+
+    @property
+    def explains(self) -> bool:
+        """Whether held-out blocks are explained to the noise that the model states.
+
+        That is white noise, or where sensors state errors that last as well, these too, provided
+        that most of the error has gone, as `is_noise` asks of known effects.
+        """
+        rms = self.after.rms
+        if rms <= (_REMAINS + 2.0 * _floor_spread(self.after.rows)) * self.floor:
+            return True
+        limit = stated_limit(self.model, self.floor)
+        if limit is None or rms**2 > limit or not is_within_stated(self.model, self.floor):
+            return False
+        share = explained_share(held_out(self.base).rms, rms, self.floor)
+        return share >= DiagnosisConfig().beyond_stated
+
+    def without(self, form: LawForm) -> _Sum:
+        """The same without one term, fitted thoroughly."""
+        bare = cast(FittableModel, self.model.without_effect(form.name).refined())
+        return replace(self, model=bare, forms=tuple(f for f in self.forms if f is not form))
 
 
 def _learn(
-    base: FittableModel, diagnosis: Diagnosis, forms: Sequence[LawForm]
+    base: FittableModel, forms: Sequence[LawForm], known: Sequence[str]
 ) -> Law | NothingLearnt:
-    """Search beside the effects of a model; judge what is found."""
-    forms = [form for form in forms if form.name not in base.effect_names]
-    search = search_laws(base, forms, noise_floor(base))
-    if search.p_value > _SIGNIFICANCE:
-        return NothingLearnt(
-            f"noise alone gives as good a law in {100.0 * search.p_value:.0f} % of all recordings"
+    """Add terms to a model until they explain it; judge what is found."""
+    present, refusal = _Sum(base, base), ""
+    for _ in range(_MOST_TERMS):
+        step = _step(present, forms, known)
+        if isinstance(step, str):
+            return NothingLearnt(refusal or step)
+        present = step
+        if present.explains:
+            return _judged(present, known)
+        ratio = present.after.rms / present.floor
+        refusal = refusal or (
+            f"no law of these forms is the cause: the best, {present.forms[0].name}, leaves a "
+            f"held-out error of {present.after.rms:.2f}, {ratio:.2f} times its floor"
         )
-    if not search.finds:
-        return NothingLearnt("no form of law fits")
-    first = search.finds[0]
-    tell(f"fitting a law thoroughly: {first.form.name}")
-    model = cast(FittableModel, first.model.refined())
-    after, floor = held_out(model), noise_floor(model)
-    if after.rms > (_REMAINS + 2.0 * _floor_spread(after.rows)) * floor:
-        return NothingLearnt(
-            f"no law of these forms is the cause: the best, {first.form.name}, leaves a held-out "
-            f"error of {after.rms:.2f}, {after.rms / floor:.2f} times its floor"
-        )
-    reached = evidence(model, floor, search.tried)
-    bare = cast(FittableModel, model.without_effect(first.form.name))
-    known = _known(model, first.form.name, _names(diagnosis), floor)
-    if known is not None and known.criterion < reached + CHANCE:
-        return NothingLearnt(
-            f"{known.name} of the catalogue does as well in place of {first.form.name}"
-        )
+    return NothingLearnt(refusal)
+
+
+def _step(present: _Sum, forms: Sequence[LawForm], known: Sequence[str]) -> _Sum | str:
+    """One more term: the best form, or beside another one a known effect; or why there is none."""
+    model, floor = present.model, noise_floor(present.model)
+    search = search_laws(model, [f for f in forms if f.name not in model.effect_names], floor)
+    best = search.finds[0] if search.finds and search.p_value <= _SIGNIFICANCE else None
+    trials: list[Trial] = []
+    if present.forms:
+        names = [name for name in known if name not in model.effect_names]
+        trials = try_effects(model, screen(model, model.families(names), floor), floor)
+    reached = min(best.criterion if best else np.inf, evidence(model, floor) - CHANCE)
+    if trials and trials[0].criterion < reached:
+        return replace(present, model=cast(FittableModel, trials[0].model.refined()))
+    if best is None:
+        chance = f"{100.0 * search.p_value:.0f} % of all recordings"
+        return f"noise alone gives as good a law in {chance}" if search.finds else "no form fits"
+    tell(f"fitting a law thoroughly: {best.form.name}")
+    refined = cast(FittableModel, best.model.refined())
+    p_value = max(present.p_value, search.p_value)
+    return _Sum(present.base, refined, (*present.forms, best.form), search, p_value)
+
+
+def _judged(found: _Sum, known: Sequence[str]) -> Law | NothingLearnt:
+    """The law, unless it does with fewer terms or a known effect in place of one does as well."""
+    if len(found.forms) > 1 and (fewer := found.without(found.forms[0])).explains:
+        found = fewer
+    model, floor, search = found.model, found.floor, found.last
+    assert search is not None
+    ratio = dispersion(model, floor)
+    reached = evidence(model, floor, search.tried, ratio)
+    trials = []
+    for form in found.forms:
+        rival = _known(model, form.name, known, floor, ratio)
+        if rival is not None and rival.criterion < reached + CHANCE:
+            return NothingLearnt(f"{rival.name} of the catalogue does as well as {form.name}")
+        trials += [rival] if rival is not None else []
+    last = found.forms[-1]
+    bare = cast(FittableModel, model.without_effect(last.name))
     others = [
-        fit_law(bare, find.form, [find.theta], floor, search.tried) for find in search.finds[1:]
+        replace(other, criterion=evidence(other.model, floor, search.tried, ratio))
+        for find in search.finds
+        if find.form is not last
+        for other in [fit_law(bare, find.form, [find.theta], floor, search.tried)]
     ]
     equal = [
         other
         for other in others
-        if other.criterion < reached + CHANCE and fits_equally(after, held_out(other.model))
+        if other.criterion < reached + CHANCE and fits_equally(found.after, held_out(other.model))
     ]
-    before = held_out(base)
-    return Law(first.form, base, model, before, after, floor, search.p_value, known, tuple(equal))
+    laws = {form.name for form in found.forms}
+    added = set(model.effect_names) - set(found.base.effect_names) - laws
+    return Law(
+        found.forms, tuple(sorted(added)), found.base, model, held_out(found.base), found.after,
+        floor, found.p_value, min(trials, key=lambda t: t.criterion, default=None), tuple(equal),
+    )  # fmt: skip
 
 
 def _floor_spread(rows: int) -> float:
@@ -345,8 +268,14 @@ def _names(diagnosis: Diagnosis) -> list[str]:
     return list(dict.fromkeys([*named, *diagnosis.group, *best]))
 
 
-def _known(model: FittableModel, law: str, names: Sequence[str], floor: float) -> Trial | None:
-    """The known effect that does best in place of a law."""
+def _known(
+    model: FittableModel, law: str, names: Sequence[str], floor: float, ratio: float
+) -> Trial | None:
+    """The known effect that does best in place of a law, squares counted as of the law's model."""
     wanted = [name for name in names if name not in model.effect_names]
     _, trials = rematch(model, law, wanted, floor)
-    return trials[0] if trials else None
+    found = [
+        replace(t, criterion=evidence(t.model, floor, t.source.family.choices, ratio))
+        for t in trials
+    ]
+    return min(found, key=lambda trial: trial.criterion, default=None)

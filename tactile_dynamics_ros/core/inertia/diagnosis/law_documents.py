@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
@@ -11,8 +11,11 @@ import numpy as np
 import yaml
 
 from tactile_dynamics_ros.core.discrepancy.diagnosis import Diagnosis
+from tactile_dynamics_ros.core.discrepancy.law_search import LawForm
 from tactile_dynamics_ros.core.discrepancy.laws import Law, learn_law
+from tactile_dynamics_ros.core.discrepancy.model.residual_model import ParameterTable
 from tactile_dynamics_ros.core.discrepancy.verdict.wording import (
+    join_names,
     write_fall,
     write_interval,
     write_value,
@@ -36,7 +39,8 @@ _LEAST_LEEWAY = 1e-6
 def learn_file(diagnosis: Diagnosis, path: Path) -> Document:
     """Learn the law of what a diagnosis leaves; write it as effects of a file.
 
-    Laws that explain the recording as well are written beside it, as `law.drag.yaml`.
+    A law of two terms is two effects. Laws that explain the recording as well are written beside
+    it, as `law.drag.yaml`.
 
     Args:
         diagnosis: of a held object.
@@ -57,20 +61,30 @@ def learn_file(diagnosis: Diagnosis, path: Path) -> Document:
     found = learn_law(diagnosis, forms)
     if not isinstance(found, Law):
         return {"law": None, "nothing_learnt": found.reason}
-    document = law_document(found, path.stem)
-    _write(path, law_entry(cast(HeldForm, found.form), document["parameters"]))
+    _write(path, path.stem, found.forms, found.model.parameters())
+    others = []
     for other in found.others:
-        beside = path.with_name(f"{path.stem}.{other.form.name}.yaml")
-        table = other.model.parameters()[other.form.name]
-        _write(beside, law_entry(cast(HeldForm, other.form), table))
-    return {"law": document | {"file": str(path)}, "nothing_learnt": None}
+        beside, table = path.with_name(f"{path.stem}.{other.form.name}.yaml"), other.model
+        _write(beside, path.stem, (*found.forms[:-1], other.form), table.parameters())
+        words = law_words(cast(HeldForm, other.form), table.parameters()[other.form.name])
+        others.append({"form": other.form.name, "sentence": words, "file": str(beside)})
+    document = law_document(found, path.stem) | {"file": str(path), "others": others}
+    return {"law": document, "nothing_learnt": None}
 
 
-def _write(path: Path, entry: Document) -> None:
-    """Write one effect, named after the file."""
+def _write(path: Path, name: str, forms: Sequence[LawForm], found: ParameterTable) -> None:
+    """Write the terms of a law as effects; the first has the name of the law."""
+    entries = {
+        _name_of(name, k): law_entry(cast(HeldForm, form), found[form.name])
+        for k, form in enumerate(forms)
+    }
     with written_whole(path) as part:
-        text = yaml.safe_dump({"effects": {path.name.split(".")[0]: entry}}, sort_keys=False)
-        part.write_text(text)
+        part.write_text(yaml.safe_dump({"effects": entries}, sort_keys=False))
+
+
+def _name_of(name: str, place: int) -> str:
+    """Name of the effect that is a term of a law."""
+    return f"{name}_{place + 1}" if place else name
 
 
 def law_entry(form: HeldForm, found: Mapping[str, Mapping[str, Any]]) -> Document:
@@ -131,31 +145,36 @@ def law_document(law: Law, name: str) -> Document:
         law: that was learnt.
         name: of its effect.
     """
-    form = law.form
-    assert isinstance(form, HeldForm)
-    found = law.model.parameters()[form.name]
-    motion = law.separating_motion
+    tables, motion = law.model.parameters(), law.separating_motion
+    terms = [_term(form, tables[form.name], _name_of(name, k)) for k, form in enumerate(_of(law))]
     return {
         "name": name,
-        "form": form.name,
-        "terms": [_term(form, found)],
-        "parameters": found,
+        "form": law.forms[0].name,
+        "terms": terms,
+        "parameters": terms[0]["parameters"],
+        "beside": list(law.beside),
         "regime": None,
         "p_value": law.p_value,
         "close_to": _close_to(law),
-        "others": [other.form.name for other in law.others],
         "separating_motion": motion,
         "error": {"before": law.before.rms, "after": law.after.rms, "noise_floor": law.floor},
-        "sentence": _sentence(law, form, found, motion),
+        "sentence": _sentence(law, motion),
     }
 
 
-def _term(form: HeldForm, found: Mapping[str, Mapping[str, Any]]) -> Document:
+def _of(law: Law) -> tuple[HeldForm, ...]:
+    """Forms of a law of a held object."""
+    return cast(tuple[HeldForm, ...], law.forms)
+
+
+def _term(form: HeldForm, found: Mapping[str, Mapping[str, Any]], name: str) -> Document:
     """Formula with its coefficient, a vector where it has components."""
     wrench = form.entry["wrench"]
-    rows = [found[name] for name in form.linear]
+    rows = [found[row] for row in form.linear]
     many = len(rows) > 1
     return {
+        "name": name,
+        "form": form.name,
         "formula": str(wrench.get("force") or wrench["torque"]),
         "frame": wrench["axes"],
         "acts_at": [found[f"point_{axis}"]["value"] for axis in AXES]
@@ -164,6 +183,7 @@ def _term(form: HeldForm, found: Mapping[str, Mapping[str, Any]]) -> Document:
         "coefficient": [row["value"] for row in rows] if many else rows[0]["value"],
         "std": [row["std"] for row in rows] if many else rows[0]["std"],
         "unit": rows[0]["unit"],
+        "parameters": found,
     }
 
 
@@ -176,16 +196,11 @@ def _close_to(law: Law) -> Document | None:
     return {"name": law.close_to.name, "error": error, "why_not": reason}
 
 
-def _sentence(
-    law: Law, form: HeldForm, found: Mapping[str, Mapping[str, Any]], motion: Document | None
-) -> str:
+def _sentence(law: Law, motion: Document | None) -> str:
     """Words, size, fall of the error, chance, and what else may be the cause."""
-    size = ""
-    if len(form.linear) == 1 and "{size}" not in form.words:
-        reference = form.entry.get("constants", {}).get("reference")
-        at = f" at {reference['value']:g} {reference['unit']}" if reference else ""
-        size = f" ({write_value(found[form.linear[0]])}{at})"
-    text = f"Learnt: {law_words(form, found)}{size}. The held-out error "
+    tables = law.model.parameters()
+    words = [_with_size(form, tables[form.name]) for form in _of(law)]
+    text = f"Learnt: {join_names([*words, *law.beside], 'and')}. The held-out error "
     text += f"{write_fall(law.before.rms, law.after.rms)}; floor {law.floor:.2f}. "
     text += f"Noise alone gives such a law in less than {100.0 * law.p_value:.0f} % of recordings."
     if close := _close_to(law):
@@ -195,3 +210,12 @@ def _sentence(
         told = motion["description"] if motion else "no motion was found that tells them apart"
         text += f" As good: {names}; {told}."
     return text
+
+
+def _with_size(form: HeldForm, found: Mapping[str, Mapping[str, Any]]) -> str:
+    """A term in words, with the size at its reference."""
+    if len(form.linear) > 1 or "{size}" in form.words:
+        return law_words(form, found)
+    reference = form.entry.get("constants", {}).get("reference")
+    at = f" at {reference['value']:g} {reference['unit']}" if reference else ""
+    return f"{law_words(form, found)} ({write_value(found[form.linear[0]])}{at})"
