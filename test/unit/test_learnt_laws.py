@@ -14,13 +14,12 @@ from benchmarks.local_terms import LAWS, NOISE, ScalarModel, Term, make
 from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.core.contract import central_differences
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
-from tactile_dynamics_ros.core.discrepancy.law_search import search_laws
-from tactile_dynamics_ros.core.discrepancy.laws import Law, NothingLearnt, learn_law
+from tactile_dynamics_ros.core.discrepancy.laws.learning import Law, NothingLearnt, learn_law
+from tactile_dynamics_ros.core.discrepancy.laws.search import search_laws
 from tactile_dynamics_ros.core.effects import create_effects
 from tactile_dynamics_ros.core.effects.check import example_inertia, example_samples
 from tactile_dynamics_ros.core.effects.formula.file import read_effect
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
-from tactile_dynamics_ros.core.inertia.diagnosis.law_documents import law_entry
 from tactile_dynamics_ros.core.inertia.diagnosis.law_forms import held_forms
 from tactile_dynamics_ros.core.inertia.diagnosis.live_check import learn_from_streams
 from tactile_dynamics_ros.core.inertia.live.refit import RefittedModel, fit_live
@@ -137,7 +136,7 @@ def test_every_form_is_an_effect_with_right_derivatives_before_and_after_it_is_l
         p.name: {"value": 0.3 + 0.1 * k, "std": 0.01, "unit": p.unit}
         for k, p in enumerate(form.effect.definition)
     }
-    learnt = read_effect("learnt", law_entry(form, table), "test")()
+    learnt = read_effect("learnt", form.entry_of(table), "test")()
     samples, load = example_samples(), example_inertia()
     theta = np.array([entry["value"] for entry in table.values()])
     changes = [0.0 if "_change" in p.name else table[p.name]["value"] for p in learnt.definition]

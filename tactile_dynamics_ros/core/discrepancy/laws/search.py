@@ -27,6 +27,31 @@ class LawForm(Protocol):
     def effect(self) -> Any:
         """The law as an effect that the model can be fitted with."""
 
+    @property
+    def words(self) -> str:
+        """What the law is, with names of its parameters in braces."""
+
+    @property
+    def linear(self) -> tuple[str, ...]:
+        """Names of the parameters that are sizes: the law is linear in them."""
+
+    @property
+    def reference(self) -> tuple[float, str] | None:
+        """Value and unit of the quantity at which the size is stated."""
+
+    def require_name(self, name: str, where: str) -> None:
+        """Check that a law may have a name.
+
+        Raises:
+            BadInputError: it is that of a known effect, or no name.
+        """
+
+    def entry_of(self, found: Any) -> dict[str, Any]:
+        """Entry of a file of effects, of the value, std and unit by parameter."""
+
+    def term_of(self, found: Any) -> dict[str, Any]:
+        """Formula, axes and point of the law, of the same."""
+
     def starts(self, model: Any, frequencies: Sequence[float]) -> list[Array]:
         """Parameters (k,) from which fits may start.
 
@@ -50,6 +75,9 @@ class FittableModel(ResidualModel, Protocol):
 
     def fitted_from(self, effects: tuple[Any, ...], theta: tuple[Array, ...]) -> FittableModel:
         """Fit all parameters at fixed whitening."""
+
+    def law_forms(self) -> Sequence[LawForm]:
+        """Forms of laws that may act beside the model's effects; empty where none are known."""
 
     def draw_noise(self, random: np.random.Generator) -> Array:
         """(M,) noise before whitening."""

@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 
 from tactile_dynamics_ros.core.discrepancy.diagnosis import Diagnosis
-from tactile_dynamics_ros.core.discrepancy.law_search import (
+from tactile_dynamics_ros.core.discrepancy.laws.search import (
     Find,
     FittableModel,
     LawForm,
@@ -18,6 +18,7 @@ from tactile_dynamics_ros.core.discrepancy.law_search import (
     fit_law,
     search_laws,
 )
+from tactile_dynamics_ros.core.discrepancy.model.residual_model import ResidualModel
 from tactile_dynamics_ros.core.discrepancy.screening import best_by_effect, screen
 from tactile_dynamics_ros.core.discrepancy.search import DiagnosisConfig, explained_share
 from tactile_dynamics_ros.core.discrepancy.trials import (
@@ -137,16 +138,19 @@ class _Sum:
     Attributes:
         base: without them.
         model: thoroughly fitted with them.
-        forms: of those that are laws.
-        last: the search that found the newest of these; None before the first.
+        terms: those that are laws, each with the search that found it.
         p_value: largest of all searches.
     """
 
     base: FittableModel
     model: FittableModel
-    forms: tuple[LawForm, ...] = ()
-    last: Search | None = None
+    terms: tuple[tuple[LawForm, Search], ...] = ()
     p_value: float = 0.0
+
+    @property
+    def forms(self) -> tuple[LawForm, ...]:
+        """Of the terms."""
+        return tuple(form for form, _ in self.terms)
 
     @cached_property
     def after(self) -> HeldOut:
@@ -174,10 +178,10 @@ class _Sum:
         share = explained_share(held_out(self.base).rms, rms, self.floor)
         return share >= DiagnosisConfig().beyond_stated
 
-    def without(self, form: LawForm) -> _Sum:
-        """The same without one term, fitted thoroughly."""
-        bare = cast(FittableModel, self.model.without_effect(form.name).refined())
-        return replace(self, model=bare, forms=tuple(f for f in self.forms if f is not form))
+    def without(self, form: LawForm, model: ResidualModel | None = None) -> _Sum:
+        """The same without one term, or with a model that has something else for it."""
+        bare = cast(FittableModel, (model or self.model.without_effect(form.name)).refined())
+        return replace(self, model=bare, terms=tuple(t for t in self.terms if t[0] is not form))
 
 
 def _learn(
@@ -218,24 +222,24 @@ def _step(present: _Sum, forms: Sequence[LawForm], known: Sequence[str]) -> _Sum
     tell(f"fitting a law thoroughly: {best.form.name}")
     refined = cast(FittableModel, best.model.refined())
     p_value = max(present.p_value, search.p_value)
-    return _Sum(present.base, refined, (*present.forms, best.form), search, p_value)
+    return _Sum(present.base, refined, (*present.terms, (best.form, search)), p_value)
 
 
 def _judged(found: _Sum, known: Sequence[str]) -> Law | NothingLearnt:
     """The law, unless it does with fewer terms or a known effect in place of one does as well."""
     if len(found.forms) > 1 and (fewer := found.without(found.forms[0])).explains:
         found = fewer
-    model, floor, search = found.model, found.floor, found.last
-    assert search is not None
+    model, floor, (last, search) = found.model, found.floor, found.terms[-1]
     ratio = dispersion(model, floor)
     reached = evidence(model, floor, search.tried, ratio)
     trials = []
     for form in found.forms:
         rival = _known(model, form.name, known, floor, ratio)
         if rival is not None and rival.criterion < reached + CHANCE:
+            if len(found.forms) > 1 and (other := found.without(form, rival.model)).explains:
+                return _judged(other, known)
             return NothingLearnt(f"{rival.name} of the catalogue does as well as {form.name}")
         trials += [rival] if rival is not None else []
-    last = found.forms[-1]
     bare = cast(FittableModel, model.without_effect(last.name))
     others = [
         replace(other, criterion=evidence(other.model, floor, search.tried, ratio))

@@ -7,12 +7,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
-import numpy as np
 import yaml
 
 from tactile_dynamics_ros.core.discrepancy.diagnosis import Diagnosis
-from tactile_dynamics_ros.core.discrepancy.law_search import LawForm
-from tactile_dynamics_ros.core.discrepancy.laws import Law, learn_law
+from tactile_dynamics_ros.core.discrepancy.laws.learning import Law, learn_law
+from tactile_dynamics_ros.core.discrepancy.laws.search import FittableModel, LawForm
 from tactile_dynamics_ros.core.discrepancy.model.residual_model import ParameterTable
 from tactile_dynamics_ros.core.discrepancy.verdict.wording import (
     join_names,
@@ -20,20 +19,10 @@ from tactile_dynamics_ros.core.discrepancy.verdict.wording import (
     write_interval,
     write_value,
 )
-from tactile_dynamics_ros.core.effects.formula.file import read_effect
-from tactile_dynamics_ros.core.effects.geometry import AXES
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.files import written_whole
-from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldObjectModel
-from tactile_dynamics_ros.core.inertia.diagnosis.law_forms import HeldForm, held_forms
 
 Document = dict[str, Any]
-
-_LEEWAY = 3.0
-"""Standard deviations by which what was learnt may move on another recording: its prior there. More
-lets the law become another one, less holds what the first recording knew too little."""
-_LEAST_LEEWAY = 1e-6
-"""Prior of what was learnt with next to no uncertainty, in its unit: a prior must be above zero."""
 
 
 def learn_file(diagnosis: Diagnosis, path: Path) -> Document:
@@ -43,21 +32,21 @@ def learn_file(diagnosis: Diagnosis, path: Path) -> Document:
     it, as `law.drag.yaml`.
 
     Args:
-        diagnosis: of a held object.
+        diagnosis: of a fitted model.
         path: of the file; its stem names the law.
 
     Returns:
         Parts `law` (None if nothing is learnt) and `nothing_learnt` of the document.
 
     Raises:
-        BadInputError: the model is of something else, or the stem is no free name of an effect.
+        BadInputError: no laws are known of such a model, or the name is no effect's.
     """
-    if not isinstance(diagnosis.model, HeldObjectModel):
-        raise BadInputError("--learn: laws are learnt of held objects only; leave it out")
+    forms = cast(FittableModel, diagnosis.model).law_forms()
+    if not forms:
+        raise BadInputError("--learn: no laws are known of such recordings; leave it out")
     if path.suffix != ".yaml":
         raise BadInputError(f"--learn {path}: expected a name that ends in .yaml")
-    forms = held_forms()
-    read_effect(path.stem, forms[0].entry, str(path))
+    forms[0].require_name(path.stem, str(path))
     found = learn_law(diagnosis, forms)
     if not isinstance(found, Law):
         return {"law": None, "nothing_learnt": found.reason}
@@ -66,7 +55,7 @@ def learn_file(diagnosis: Diagnosis, path: Path) -> Document:
     for other in found.others:
         beside, table = path.with_name(f"{path.stem}.{other.form.name}.yaml"), other.model
         _write(beside, path.stem, (*found.forms[:-1], other.form), table.parameters())
-        words = law_words(cast(HeldForm, other.form), table.parameters()[other.form.name])
+        words = write_law(other.form, table.parameters()[other.form.name])
         others.append({"form": other.form.name, "sentence": words, "file": str(beside)})
     document = law_document(found, path.stem) | {"file": str(path), "others": others}
     return {"law": document, "nothing_learnt": None}
@@ -74,10 +63,7 @@ def learn_file(diagnosis: Diagnosis, path: Path) -> Document:
 
 def _write(path: Path, name: str, forms: Sequence[LawForm], found: ParameterTable) -> None:
     """Write the terms of a law as effects; the first has the name of the law."""
-    entries = {
-        _name_of(name, k): law_entry(cast(HeldForm, form), found[form.name])
-        for k, form in enumerate(forms)
-    }
+    entries = {_name_of(name, k): form.entry_of(found[form.name]) for k, form in enumerate(forms)}
     with written_whole(path) as part:
         part.write_text(yaml.safe_dump({"effects": entries}, sort_keys=False))
 
@@ -87,52 +73,15 @@ def _name_of(name: str, place: int) -> str:
     return f"{name}_{place + 1}" if place else name
 
 
-def law_entry(form: HeldForm, found: Mapping[str, Mapping[str, Any]]) -> Document:
-    """Entry of a file of effects: sizes free, the rest as learnt with what may change of it.
-
-    Args:
-        form: of the law.
-        found: value, std and unit by parameter.
-    """
-    parameters: Document = {}
-    constants: Document = dict(form.entry.get("constants", {}))
-    learnt: Document = {}
-    for name, declared in form.entry["parameters"].items():
-        rows = [f"{name}_{axis}" for axis in AXES] if declared.get("vector") else [name]
-        values = [float(found[row]["value"]) for row in rows]
-        if rows[0] in form.linear:
-            size = float(np.linalg.norm(values)) if len(values) > 1 else values[0]
-            prior = max(declared["prior_std"], 3.0 * abs(size))
-            parameters[name] = {**declared, "prior_std": prior, "typical": size}
-            continue
-        std = max(_LEAST_LEEWAY, *(_LEEWAY * float(found[row]["std"]) for row in rows))
-        change = {**declared, "prior_std": float(std), "typical": float(std)}
-        change["description"] = f"change of the learnt {declared['description']}"
-        parameters[f"{name}_change"] = change
-        for row, value, suffix in zip(rows, values, ("_x", "_y", "_z"), strict=False):
-            constants[f"{row}_learnt"] = {"value": value, "unit": declared["unit"]}
-            changed = f"{name}_change{suffix}" if len(rows) > 1 else f"{name}_change"
-            learnt[row] = f"{row}_learnt + {changed}"
-        if len(rows) > 1:
-            learnt[name] = rows
-    return {
-        **form.entry,
-        "parameters": parameters,
-        "constants": constants,
-        "definitions": {**learnt, **form.entry.get("definitions", {})},
-        "sentence": law_words(form, found),
-        "looks_like": "A residual that follows the formula, learnt from a recording.",
-    }
-
-
-def law_words(form: HeldForm, found: Mapping[str, Mapping[str, Any]]) -> str:
+def write_law(form: LawForm, found: Mapping[str, Mapping[str, Any]]) -> str:
     """What the law is, with numbers; scalars with their standard deviations."""
 
     def number(match: re.Match[str]) -> str:
         name = match[1]
         if name in found:
             return write_interval(float(found[name]["value"]), float(found[name]["std"]))
-        values = [f"{float(found[f'{name}_{axis}']['value']):.3f}" for axis in AXES]
+        rows = [found[key] for axis in "xyz" if (key := f"{name}_{axis}") in found]
+        values = [f"{float(row['value']):.3f}" for row in rows]
         return f"({', '.join(values)})"
 
     return re.sub(r"\{(\w+)\}", number, form.words)
@@ -146,7 +95,7 @@ def law_document(law: Law, name: str) -> Document:
         name: of its effect.
     """
     tables, motion = law.model.parameters(), law.separating_motion
-    terms = [_term(form, tables[form.name], _name_of(name, k)) for k, form in enumerate(_of(law))]
+    terms = [_term(form, tables[form.name], _name_of(name, k)) for k, form in enumerate(law.forms)]
     return {
         "name": name,
         "form": law.forms[0].name,
@@ -162,24 +111,14 @@ def law_document(law: Law, name: str) -> Document:
     }
 
 
-def _of(law: Law) -> tuple[HeldForm, ...]:
-    """Forms of a law of a held object."""
-    return cast(tuple[HeldForm, ...], law.forms)
-
-
-def _term(form: HeldForm, found: Mapping[str, Mapping[str, Any]], name: str) -> Document:
+def _term(form: LawForm, found: Mapping[str, Mapping[str, Any]], name: str) -> Document:
     """Formula with its coefficient, a vector where it has components."""
-    wrench = form.entry["wrench"]
     rows = [found[row] for row in form.linear]
     many = len(rows) > 1
     return {
         "name": name,
         "form": form.name,
-        "formula": str(wrench.get("force") or wrench["torque"]),
-        "frame": wrench["axes"],
-        "acts_at": [found[f"point_{axis}"]["value"] for axis in AXES]
-        if wrench.get("at") == "point"
-        else wrench.get("at", "origin"),
+        **form.term_of(found),
         "coefficient": [row["value"] for row in rows] if many else rows[0]["value"],
         "std": [row["std"] for row in rows] if many else rows[0]["std"],
         "unit": rows[0]["unit"],
@@ -199,7 +138,7 @@ def _close_to(law: Law) -> Document | None:
 def _sentence(law: Law, motion: Document | None) -> str:
     """Words, size, fall of the error, chance, and what else may be the cause."""
     tables = law.model.parameters()
-    words = [_with_size(form, tables[form.name]) for form in _of(law)]
+    words = [_with_size(form, tables[form.name]) for form in law.forms]
     text = f"Learnt: {join_names([*words, *law.beside], 'and')}. The held-out error "
     text += f"{write_fall(law.before.rms, law.after.rms)}; floor {law.floor:.2f}. "
     text += f"Noise alone gives such a law in less than {100.0 * law.p_value:.0f} % of recordings."
@@ -212,10 +151,9 @@ def _sentence(law: Law, motion: Document | None) -> str:
     return text
 
 
-def _with_size(form: HeldForm, found: Mapping[str, Mapping[str, Any]]) -> str:
+def _with_size(form: LawForm, found: Mapping[str, Mapping[str, Any]]) -> str:
     """A term in words, with the size at its reference."""
     if len(form.linear) > 1 or "{size}" in form.words:
-        return law_words(form, found)
-    reference = form.entry.get("constants", {}).get("reference")
-    at = f" at {reference['value']:g} {reference['unit']}" if reference else ""
-    return f"{law_words(form, found)} ({write_value(found[form.linear[0]])}{at})"
+        return write_law(form, found)
+    at = " at {:g} {}".format(*form.reference) if form.reference else ""
+    return f"{write_law(form, found)} ({write_value(found[form.linear[0]])}{at})"
