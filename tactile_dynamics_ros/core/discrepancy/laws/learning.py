@@ -230,8 +230,10 @@ def _judged(found: _Sum, known: Sequence[str]) -> Law | NothingLearnt:
     if len(found.forms) > 1 and (fewer := found.without(found.forms[0])).explains:
         found = fewer
     model, floor, (last, search) = found.model, found.floor, found.terms[-1]
-    ratio = dispersion(model, floor)
+    ratio, before = dispersion(model, floor), held_out(found.base)
     reached = evidence(model, floor, search.tried, ratio)
+    if fits_equally(found.after, before):
+        return NothingLearnt(f"held-out blocks are predicted as well without {last.name}")
     trials = []
     for form in found.forms:
         rival = _known(model, form.name, known, floor, ratio)
@@ -255,7 +257,7 @@ def _judged(found: _Sum, known: Sequence[str]) -> Law | NothingLearnt:
     laws = {form.name for form in found.forms}
     added = set(model.effect_names) - set(found.base.effect_names) - laws
     return Law(
-        found.forms, tuple(sorted(added)), found.base, model, held_out(found.base), found.after,
+        found.forms, tuple(sorted(added)), found.base, model, before, found.after,
         floor, found.p_value, min(trials, key=lambda t: t.criterion, default=None), tuple(equal),
     )  # fmt: skip
 
