@@ -232,7 +232,7 @@ def _judged(found: _Sum, known: Sequence[str]) -> Law | NothingLearnt:
     model, floor, (last, search) = found.model, found.floor, found.terms[-1]
     ratio, before = dispersion(model, floor), held_out(found.base)
     reached = evidence(model, floor, search.tried, ratio)
-    if fits_equally(found.after, before):
+    if before.losses.sum() - found.after.losses.sum() < CHANCE * floor**2:
         return NothingLearnt(f"held-out blocks are predicted as well without {last.name}")
     trials = []
     for form in found.forms:
