@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.peers.laws import compare_peers
 from benchmarks.support.laws import LAWS, NO_FORM, PUSHED_LAWS, draw_law, push, true_value
 from tactile_dynamics_ros.api.discrepancies import Diagnosis
 from tactile_dynamics_ros.api.questions import question_held
@@ -81,6 +82,14 @@ def ask(kind: str, name: str, seed: int, duration: float) -> dict[str, Any]:
     return result
 
 
+def ask_peers(kind: str, name: str, seed: int, duration: float) -> dict[str, Any]:
+    """What peers make of the residuals of the same recordings."""
+    models = [
+        question_held(Recording(one.streams, name)).model for one in make(name, seed, duration)
+    ]
+    return {"kind": kind, "name": name, "seed": seed, "peers": compare_peers(*models, seed)}
+
+
 def ask_pushed(kind: str, name: str, seed: int, duration: float) -> dict[str, Any]:
     """The same of pushes; the second recording has other ones."""
     first, second = push(name, seed)
@@ -143,6 +152,12 @@ def _on_second(second: HiddenRecording, path: Path) -> dict[str, Any]:
     }
 
 
+_ASK = {"pushed": ask_pushed, "pushed clean": ask_pushed, "peers": ask_peers}
+"""What asks of a case by its kind; `ask` of all others."""
+PEER_LAWS = ("charge_pull", "square_root_drag", "fading_pull")
+"""Laws on which peers are compared: of place, of velocity and of time."""
+
+
 def plan(start: int, each: int, clean: int, known: int) -> list[tuple[str, str, int]]:
     """All cases: kind, name and seed."""
     seeds = range(start, start + each)
@@ -151,6 +166,7 @@ def plan(start: int, each: int, clean: int, known: int) -> list[tuple[str, str, 
     cases += [("pushed", name, seed) for seed in seeds for name in PUSHED_LAWS]
     cases += [("pushed clean", "", start + k) for k in range(clean // 5)]
     cases += [("no form", name, seed) for seed in seeds for name in NO_FORM]
+    cases += [("peers", name, start) for name in PEER_LAWS]
     return cases + [("catalogue", name, start + k) for k in range(known) for name in CATALOGUE]
 
 
@@ -168,6 +184,12 @@ def summarise(found: Sequence[dict[str, Any]]) -> list[str]:
         f"{sum(f['inside'] for f in inside)} of {len(inside)}; mass and centre within 3 std: "
         f"{sum(f['off_std'] <= 3.0 for f in learnt)} of {len(learnt)}",
     ]
+    for one in (f for f in found if f["kind"] == "peers"):
+        told = [
+            f"{peer} {r['second_after']:.2f} times the floor, size {r['size']}, {r['cpu_s']:.0f} s"
+            for peer, r in one["peers"].items()
+        ]
+        lines.append(f"peers on {one['name']} {one['seed']}, second recording: {'; '.join(told)}")
     own = [f for f in found if f["kind"] == "pushed"]
     learnt = [f for f in own if f["form"]]
     lines.append(
@@ -206,11 +228,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for case in (case for case in cases if not wanted or case[1] in wanted):
         # each in a process of its own: what one learns is no candidate of the next
         with get_context("spawn").Pool(1) as pool:
-            found.append(
-                pool.apply(
-                    ask_pushed if case[0].startswith("pushed") else ask, (*case, options.duration)
-                )
-            )
+            found.append(pool.apply(_ASK.get(case[0], ask), (*case, options.duration)))
         print(json.dumps(found[-1]), file=sys.stderr, flush=True)
     print(json.dumps(found) if options.json else "\n".join(summarise(found)))
     return 0

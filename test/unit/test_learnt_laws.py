@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from benchmarks.local_terms import LAWS, NOISE, ScalarModel, Term, make
 from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.core.contract import central_differences
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
+from tactile_dynamics_ros.core.discrepancy.laws.documents import learn_file
 from tactile_dynamics_ros.core.discrepancy.laws.learning import Law, NothingLearnt, learn_law
 from tactile_dynamics_ros.core.discrepancy.laws.search import search_laws
 from tactile_dynamics_ros.core.effects import create_effects
@@ -71,6 +73,12 @@ class Driven(ScalarModel):
     def whiten(self, rows):
         return super().whiten(rows) / self.stated
 
+    def law_forms(self):
+        return [PowerForm(), PowerForm("twin_law")]
+
+    def plan_against(self, rivals):
+        return {"description": f"move farther ({len(rivals)} rival)"}
+
     def draw_noise(self, random):
         return self.stated * super().draw_noise(random)
 
@@ -81,6 +89,18 @@ class PowerForm:
 
     name: str = "power_law"
     of: str = "place"
+    words: str = "a force ~ distance^{power}"
+    linear: tuple[str, ...] = ("size",)
+    reference: tuple[float, str] = (1.0, "m")
+
+    def require_name(self, name, where):
+        pass
+
+    def entry_of(self, found):
+        return {"power": found["power"]["value"]}
+
+    def term_of(self, found):
+        return {"formula": "size |q|^power"}
 
     @cached_property
     def effect(self):
@@ -163,6 +183,19 @@ def test_nothing_is_learnt_where_nothing_is_missing_or_a_known_effect_is():
     found = learn_law(diagnose(rubbed), [PowerForm()])
     assert isinstance(found, NothingLearnt)
     assert "dry_friction of the catalogue" in found.reason
+
+
+def test_two_laws_that_explain_as_well_are_both_kept_with_what_tells_them_apart(tmp_path):
+    found = learn_file(diagnose(driven(3, cubic)), tmp_path / "law.yaml")["law"]
+    [other] = found["others"]
+    assert {found["form"], other["form"]} == {"power_law", "twin_law"}
+    assert found["separating_motion"] == {"description": "move farther (1 rival)"}
+    assert f"As good: {other['form']}; move farther" in found["sentence"]
+    powers = [
+        yaml.safe_load(Path(file).read_text())["effects"]["law"]["power"]
+        for file in (found["file"], other["file"])
+    ]
+    assert powers == pytest.approx([3.4, 3.4], abs=0.1)
 
 
 def test_what_merely_goes_with_the_cause_is_no_law():
