@@ -43,6 +43,8 @@ from tactile_dynamics_ros.core.reading import read_yaml, require_file
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*$")
 """Names of parameters and definitions, as formulas can spell them; any other is refused."""
+_PUSHED_LAWS = ".".join([*__name__.split(".")[:2], "planar", "diagnosis", "law_forms"])
+"""Module that reads laws of pushed objects, imported where a file has one. No number."""
 _EFFECT_NAME = re.compile(r"[a-z][a-z0-9_]*$")
 """Names of effects, as those of the catalogue are spelt: they stand in `--effects a,b`. Capitals
 are refused, so that no two differ by them alone."""
@@ -90,7 +92,7 @@ def load_effects(path: str | Path) -> tuple[Effect, ...]:
 def _load_entry(name: str, entry: object, path: Path) -> Effect:
     """An effect of a file, made known; laws of pushed objects as their model reads them."""
     if isinstance(entry, Mapping) and "law_of_pushed" in entry:
-        forms = import_module("tactile_dynamics_ros.core.planar.diagnosis.law_forms")
+        forms = import_module(_PUSHED_LAWS)
         return cast(Effect, forms.read_law(name, entry, f"{path}: {name}")())
     return register_effect(_EffectFile(name, entry, path).read())()
 

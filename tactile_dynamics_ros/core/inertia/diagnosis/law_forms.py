@@ -15,7 +15,7 @@ from tactile_dynamics_ros.core.discrepancy.laws.documents import write_law
 from tactile_dynamics_ros.core.effects.formula.effect import FormulaEffect
 from tactile_dynamics_ros.core.effects.formula.file import read_effect, require_effect_name
 from tactile_dynamics_ros.core.effects.geometry import AXES
-from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldObjectModel
+from tactile_dynamics_ros.core.inertia.diagnosis.quick_fit import WhitenedModel
 
 Values = dict[str, Any]
 
@@ -83,7 +83,7 @@ class HeldForm:
     name: str
     words: str
     entry: Values
-    grid: Callable[[HeldObjectModel], list[Values]]
+    grid: Callable[[WhitenedModel], list[Values]]
     linear: tuple[str, ...]
     lever: str = ""
     line: str = ""
@@ -98,12 +98,12 @@ class HeldForm:
         """Names of the parameters, vectors in components."""
         return tuple(p.name for p in self.effect.definition)
 
-    def starts(self, model: HeldObjectModel, frequencies: Sequence[float]) -> list[Array]:
+    def starts(self, model: WhitenedModel, frequencies: Sequence[float]) -> list[Array]:
         """Parameters from which fits may start."""
         grid = [{self.line: f} for f in sorted(set(frequencies))] if self.line else self.grid(model)
         return [self._theta(values) for values in grid]
 
-    def columns(self, model: HeldObjectModel, start: Array) -> Array:
+    def columns(self, model: WhitenedModel, start: Array) -> Array:
         """White derivatives by the linear parameters and the lever."""
         picked = [self.names.index(name) for name in self._screened]
         parts = [
@@ -236,7 +236,7 @@ def _central() -> HeldForm:
         },
     }  # fmt: skip
 
-    def grid(model: HeldObjectModel) -> list[Values]:
+    def grid(model: WhitenedModel) -> list[Values]:
         middle = model.samples.position.mean(axis=0)
         offsets = [r * d for r in _REACHES for d in (directions() if r else np.zeros((1, 3)))]
         return [
@@ -290,7 +290,7 @@ def _rail() -> HeldForm:
         },
     }  # fmt: skip
 
-    def grid(model: HeldObjectModel) -> list[Values]:
+    def grid(model: WhitenedModel) -> list[Values]:
         half = directions()[:13]
         azimuth, elevation = np.arctan2(half[:, 1], half[:, 0]), np.arcsin(half[:, 2])
         return [
@@ -374,6 +374,6 @@ def _decay(axes: str) -> HeldForm:
     return HeldForm(f"{axes}_decay", words, entry, lambda _: [{"rate": r} for r in _RATES], linear)
 
 
-def _powers(exponents: Sequence[float], size: float) -> Callable[[HeldObjectModel], list[Values]]:
+def _powers(exponents: Sequence[float], size: float) -> Callable[[WhitenedModel], list[Values]]:
     """Starts at exponents."""
     return lambda model: [{"size": size, "power": n} for n in exponents]

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.effects.formula.file import require_effect_name
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.planar.diagnosis.discrepancy_model import PushDiscrepancy
+from tactile_dynamics_ros.core.planar.diagnosis.fitted import FittedPushes
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
 from tactile_dynamics_ros.core.planar.effects.load import SPAN, at_point
 from tactile_dynamics_ros.core.planar.effects.registry import PUSHED, PUSHED_EFFECT_NAMES
@@ -63,6 +63,17 @@ _POWER = EffectParameter("power", "1", 5.0, "exponent", 1.0)
 """An exponent, prior 5: laws of nature have -4 to 3."""
 _SIZE = EffectParameter("size", "N", 3.0, "force at the reference", 0.3)
 """A size, prior 3 N: as much as it takes to push the objects of a table."""
+
+
+class PushedModel(Protocol):
+    """What forms ask of a model of pushes."""
+
+    @property
+    def pushes(self) -> FittedPushes:
+        """Motion and common numbers."""
+
+    def columns_of(self, effect: PushEffect) -> Array:
+        """White columns (M, m) of what spans an effect."""
 
 
 class PushedLaw(PushEffect):
@@ -244,13 +255,13 @@ class PushedForm:
         """Names of the parameters."""
         return tuple(p.name for p in self.kind.parameters)
 
-    def starts(self, model: PushDiscrepancy, frequencies: Sequence[float]) -> list[Array]:
+    def starts(self, model: PushedModel, frequencies: Sequence[float]) -> list[Array]:
         """Parameters from which fits may start."""
         lines = [{"frequency": f} for f in sorted(set(frequencies))]
         grid = lines if self.line else self.grid(model.pushes.motion())
         return [np.array([values.get(name, 0.0) for name in self.names]) for values in grid]
 
-    def columns(self, model: PushDiscrepancy, start: Array) -> Array:
+    def columns(self, model: PushedModel, start: Array) -> Array:
         """White columns of each size, and of the first at two more points."""
         searched, rows = self.kind(), []
         for name in self.linear:

@@ -11,7 +11,6 @@ import numpy as np
 
 from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.configuration import check_ranges, parameter
-from tactile_dynamics_ros.core.effects.registry import expand_files
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
 from tactile_dynamics_ros.core.planar.filter.change import Change, ChangeConfig, ChangeMonitor
@@ -157,7 +156,7 @@ class LiveProperties:
         Raises:
             BadInputError: an effect is unknown or named twice, or the model is a learnt one.
         """
-        names = expand_files(names)
+        names = PUSHED.expand(names)
         PUSHED.create_all(names)
         if names and self.model is not PATCH:
             raise BadInputError(
