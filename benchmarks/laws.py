@@ -166,7 +166,7 @@ def plan(start: int, each: int, clean: int, known: int) -> list[tuple[str, str, 
     cases += [("pushed", name, seed) for seed in seeds for name in PUSHED_LAWS]
     cases += [("pushed clean", "", start + k) for k in range(clean // 5)]
     cases += [("no form", name, seed) for seed in seeds for name in NO_FORM]
-    cases += [("peers", name, start) for name in PEER_LAWS]
+    cases += [("peers", name, seed) for seed in seeds[:1] for name in PEER_LAWS]
     return cases + [("catalogue", name, start + k) for k in range(known) for name in CATALOGUE]
 
 
@@ -203,7 +203,7 @@ def summarise(found: Sequence[dict[str, Any]]) -> list[str]:
         wrong = [f for f in own if f["form"]]
         names = ", ".join(f"{f['name']} {f['seed']}: {f['form']}" for f in wrong)
         lines.append(f"{kind}: {len(wrong)} of {len(own)} learnt a law {names}".rstrip())
-    times = [f["learn_s"] for f in found if f["form"]]
+    times = [f["learn_s"] for f in found if f.get("form")]
     if times:
         lines.append(f"time to learn: median {np.median(times):.0f} s, most {max(times):.0f} s CPU")
     return lines

@@ -57,7 +57,9 @@ def _tables(model: HeldObjectModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     inputs = np.column_stack([samples.position, samples.velocity, spin, samples.time])
     factors = model.residuals().factors
     assert factors is not None
-    target = factors[0].copy()
+    white = factors[0]  # of the same sign as `smooth` once its noise is averaged out
+    smooth = model.residuals().physical
+    target = smooth * np.sign(np.sum(smooth * white))
     target[:, 3:] = np.einsum("nij,nj->ni", samples.rotation, target[:, 3:])
     return inputs, samples.rotation, target
 
