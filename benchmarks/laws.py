@@ -15,12 +15,17 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.support.laws import LAWS, NO_FORM, draw_law, true_value
+from benchmarks.peers.laws import compare_peers
+from benchmarks.support.laws import LAWS, NO_FORM, PUSHED_LAWS, draw_law, push, true_value
 from tactile_dynamics_ros.api.discrepancies import Diagnosis
 from tactile_dynamics_ros.api.questions import question_held
 from tactile_dynamics_ros.api.reading import effects_of
+from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
+from tactile_dynamics_ros.core.discrepancy.laws.documents import learn_file
 from tactile_dynamics_ros.core.discrepancy.verdict.adequacy import noise_floor
+from tactile_dynamics_ros.core.effects.registry import expand_files
 from tactile_dynamics_ros.core.inertia.estimate import estimate
+from tactile_dynamics_ros.core.planar.diagnosis.discrepancy_model import PushDiscrepancy
 from tactile_dynamics_ros.recording import Recording
 from tactile_dynamics_ros.synthetic import CATALOGUE
 from tactile_dynamics_ros.synthetic.calibration import magnitude_for_whitened_rms
@@ -72,8 +77,48 @@ def ask(kind: str, name: str, seed: int, duration: float) -> dict[str, Any]:
         }  # fmt: skip
         if law:
             result |= {"before": law["error"]["before"], "after": law["error"]["after"]}
-            result |= {"others": law["others"]} | _graded(first, law)
+            result |= {"others": [other["form"] for other in law["others"]]} | _graded(first, law)
             result |= _on_second(second, path)
+    return result
+
+
+def ask_peers(kind: str, name: str, seed: int, duration: float) -> dict[str, Any]:
+    """What peers make of the residuals of the same recordings."""
+    models = [
+        question_held(Recording(one.streams, name)).model for one in make(name, seed, duration)
+    ]
+    return {"kind": kind, "name": name, "seed": seed, "peers": compare_peers(*models, seed)}
+
+
+def ask_pushed(kind: str, name: str, seed: int, duration: float) -> dict[str, Any]:
+    """The same of pushes; the second recording has other ones."""
+    first, second = push(name, seed)
+    started = time.process_time()
+    model = PushDiscrepancy.of_streams(first)
+    found = diagnose(model)
+    middle = time.process_time()
+    result: dict[str, Any] = {
+        "kind": kind, "name": name, "seed": seed, "verdict": found.verdict, "effect": found.effect,
+        "diagnose_s": middle - started,
+    }  # fmt: skip
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"pushed_{name or 'clean'}_{seed}.yaml"
+        document = learn_file(found, path)
+        law, result["reason"] = document["law"], document["nothing_learnt"]
+        result |= {"form": law["form"] if law else None, "learn_s": time.process_time() - middle}
+        if law:
+            form, parameter, value = PUSHED_LAWS.get(name, ("", "", None))
+            entry = law["parameters"].get(parameter) if law["form"] == form else None
+            inside = entry and abs(entry["value"] - value) <= 1.96 * entry["std"]
+            bare = PushDiscrepancy.of_streams(second)
+            known = PushDiscrepancy.of_streams(second, expand_files([*law["beside"], str(path)]))
+            floor = noise_floor(known)
+            errors = [float(np.sqrt(np.mean(m.residual**2)) / floor) for m in (bare, known)]
+            result |= {"before": law["error"]["before"], "after": law["error"]["after"]}
+            result |= {"form_right": law["form"] == form, "inside": inside, "off_std": np.nan}
+            result |= dict(zip(("second_before", "second_after"), errors, strict=True))
+            result |= {"others": [other["form"] for other in law["others"]]}
+            result |= {"learnt": entry["value"], "std": entry["std"]} if entry else {}
     return result
 
 
@@ -107,12 +152,21 @@ def _on_second(second: HiddenRecording, path: Path) -> dict[str, Any]:
     }
 
 
+_ASK = {"pushed": ask_pushed, "pushed clean": ask_pushed, "peers": ask_peers}
+"""What asks of a case by its kind; `ask` of all others."""
+PEER_LAWS = ("charge_pull", "square_root_drag", "fading_pull")
+"""Laws on which peers are compared: of place, of velocity and of time."""
+
+
 def plan(start: int, each: int, clean: int, known: int) -> list[tuple[str, str, int]]:
     """All cases: kind, name and seed."""
     seeds = range(start, start + each)
     cases = [("law", name, seed) for seed in seeds for name in LAWS]
     cases += [("clean", "", start + k) for k in range(clean)]
+    cases += [("pushed", name, seed) for seed in seeds for name in PUSHED_LAWS]
+    cases += [("pushed clean", "", start + k) for k in range(clean // 5)]
     cases += [("no form", name, seed) for seed in seeds for name in NO_FORM]
+    cases += [("peers", name, seed) for seed in seeds[:1] for name in PEER_LAWS]
     return cases + [("catalogue", name, start + k) for k in range(known) for name in CATALOGUE]
 
 
@@ -130,12 +184,26 @@ def summarise(found: Sequence[dict[str, Any]]) -> list[str]:
         f"{sum(f['inside'] for f in inside)} of {len(inside)}; mass and centre within 3 std: "
         f"{sum(f['off_std'] <= 3.0 for f in learnt)} of {len(learnt)}",
     ]
-    for kind in ("clean", "no form", "catalogue"):
+    for one in (f for f in found if f["kind"] == "peers"):
+        told = [
+            f"{peer} {r['second_after']:.2f} times the floor, size {r['size']}, {r['cpu_s']:.0f} s"
+            for peer, r in one["peers"].items()
+        ]
+        lines.append(f"peers on {one['name']} {one['seed']}, second recording: {'; '.join(told)}")
+    own = [f for f in found if f["kind"] == "pushed"]
+    learnt = [f for f in own if f["form"]]
+    lines.append(
+        f"pushed: {len(learnt)} of {len(own)} learnt, {sum(f['form_right'] for f in learnt)} with "
+        f"the right form, {sum(bool(f['inside']) for f in learnt)} of "
+        f"{sum(f['inside'] is not None for f in learnt)} in the interval; on a second recording "
+        f"{sum(f['second_after'] <= WITHIN for f in learnt)} within {WITHIN:g} of the floor"
+    )
+    for kind in ("clean", "pushed clean", "no form", "catalogue"):
         own = [f for f in found if f["kind"] == kind]
         wrong = [f for f in own if f["form"]]
         names = ", ".join(f"{f['name']} {f['seed']}: {f['form']}" for f in wrong)
         lines.append(f"{kind}: {len(wrong)} of {len(own)} learnt a law {names}".rstrip())
-    times = [f["learn_s"] for f in found if f["form"]]
+    times = [f["learn_s"] for f in found if f.get("form")]
     if times:
         lines.append(f"time to learn: median {np.median(times):.0f} s, most {max(times):.0f} s CPU")
     return lines
@@ -160,7 +228,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for case in (case for case in cases if not wanted or case[1] in wanted):
         # each in a process of its own: what one learns is no candidate of the next
         with get_context("spawn").Pool(1) as pool:
-            found.append(pool.apply(ask, (*case, options.duration)))
+            found.append(pool.apply(_ASK.get(case[0], ask), (*case, options.duration)))
         print(json.dumps(found[-1]), file=sys.stderr, flush=True)
     print(json.dumps(found) if options.json else "\n".join(summarise(found)))
     return 0

@@ -192,11 +192,14 @@ def ask(case: str, seed: int) -> dict[str, Any]:
         for names in ([name for name, _ in CASES[case]], found.effects)
     )
     total = float(truly.sum() + said.sum())
+    regions = [acts(r, motion) for name in found.effects if (r := split_label(name)[1])]
     return {
         "case": case,
         "seed": seed,
         "verdict": found.verdict,
         "effects": list(found.effects),
+        "regions": len(regions),
+        "false_regions": sum(bool(np.mean(truly[region]) < 0.5) for region in regions),
         "f1": 2.0 * float(np.sum(truly & said)) / total if total else 1.0,
         "bias": (found.model.own - TRUE).tolist(),
         "bias_without": (bare.own - TRUE).tolist(),
@@ -215,6 +218,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.json:
         print(json.dumps(found))
         return 0
+    said, false = (sum(f[key] for f in found) for key in ("regions", "false_regions"))
+    print(f"{false} of {said} regions are false: most of their samples lie in no true one")
     print("| terms | n | F1, mean | all named, no more | bias, mean | without the terms |")
     print("|---|---|---|---|---|---|")
     for case, terms in CASES.items():

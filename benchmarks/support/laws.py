@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tactile_dynamics_ros.core.planar.streams import PushedStreams
 from tactile_dynamics_ros.synthetic import OUTSIDE, randomness
 from tactile_dynamics_ros.synthetic.effects import create_hidden_effect
 from tactile_dynamics_ros.synthetic.effects.base import (
@@ -14,6 +16,14 @@ from tactile_dynamics_ros.synthetic.effects.base import (
     force_at_point,
 )
 from tactile_dynamics_ros.synthetic.effects.external import draw_body_point
+from tactile_dynamics_ros.synthetic.pushed.actions import draw_actions
+from tactile_dynamics_ros.synthetic.pushed.effects import Faults, hide
+from tactile_dynamics_ros.synthetic.pushed.friction_field import FrictionField
+from tactile_dynamics_ros.synthetic.pushed.recordings import PushOptions, draw_scene
+from tactile_dynamics_ros.synthetic.pushed.scene import STEP, BodyState
+from tactile_dynamics_ros.synthetic.pushed.scene import Scene as PushScene
+from tactile_dynamics_ros.synthetic.pushed.sensors import read_sensors
+from tactile_dynamics_ros.synthetic.pushed.simulator import simulate
 from tactile_dynamics_ros.synthetic.scenario import Scenario, Scene
 
 
@@ -145,3 +155,83 @@ def true_value(effect: HiddenEffect, parameter: str) -> float | None:
     drawn = {"frequency": "frequency_hz", "rate": "rate"}.get(parameter, "")
     value = getattr(effect, drawn, None) if drawn else None
     return None if value is None else float(value)
+
+
+@dataclass(frozen=True)
+class OnTable:
+    """What acts at a point of a pushed object: a force of its place, velocity and the time.
+
+    Attributes:
+        law: gives the force (2,) N of place (2,) m, velocity (2,) m/s and time s.
+        point: (2,) m, of the object.
+    """
+
+    law: Callable[[np.ndarray, np.ndarray, float], np.ndarray]
+    point: np.ndarray
+
+    def act(self, state: BodyState) -> tuple[np.ndarray, np.ndarray, float]:
+        """Force, place and no load."""
+        at, speed = state.place(self.point), state.speed(self.point)
+        return self.law(at, speed, state.time), at, 0.0
+
+
+PUSHED_LAWS: dict[str, tuple[str, str, float | None]] = {
+    "magnet": ("place_pull", "power", -3.0),
+    "cubic_spring": ("place_pull", "power", 3.0),
+    "root_drag": ("speed_drag", "power", 0.5),
+    "rail": ("axis_drag", "power", 0.0),
+    "spot": ("friction_spot", "", None),
+    "fading": ("fade", "rate", 0.1),
+}
+"""Form of each law hidden in pushes, the parameter that is graded and its truth."""
+
+
+def hide_on_table(name: str, scene: PushScene, rng: np.random.Generator) -> PushScene:
+    """Scene of pushes in which a law of PUSHED_LAWS acts.
+
+    Args:
+        name: of the law.
+        scene: without it.
+        rng: of places and directions.
+    """
+    angle = rng.uniform(0.0, 2.0 * np.pi)
+    way, place = np.array([np.cos(angle), np.sin(angle)]), rng.uniform(-0.05, 0.05, 2)
+    if name == "magnet":
+        return hide("magnet", 2.0, scene, rng).scene
+    if name == "spot":
+        field = FrictionField.even()
+        step = 0.64 / len(field.cells)
+        axis = (np.arange(len(field.cells)) * step + 0.32) % 0.64 - 0.32
+        gap = (axis[:, None] - place[0]) ** 2 + (axis[None, :] - place[1]) ** 2
+        return replace(scene, field=replace(field, cells=0.8 * np.exp(-0.5 * gap / 0.06**2)))
+    laws: dict[str, Callable[[np.ndarray, np.ndarray, float], np.ndarray]] = {
+        "cubic_spring": lambda p, v, t: 600.0 * (place - p) * ((place - p) @ (place - p)),
+        "root_drag": lambda p, v, t: -1.5 * v / max(float(np.hypot(*v)), 1e-4) ** 0.5,
+        "rail": lambda p, v, t: -0.4 * np.tanh(float(v @ way) / 0.005) * way,
+        "fading": lambda p, v, t: 0.6 * np.exp(-0.1 * t) * way,
+    }
+    point = np.zeros(2) if name in ("root_drag", "rail") else rng.uniform(-0.02, 0.02, 2)
+    return replace(scene, influences=(*scene.influences, OnTable(laws[name], point)))
+
+
+def push(name: str, seed: int) -> tuple[PushedStreams, PushedStreams]:
+    """Two recordings of one pushed object and one hidden law, other pushes in the second.
+
+    Args:
+        name: of PUSHED_LAWS, or empty.
+        seed: of everything.
+    """
+    options = PushOptions()
+    scene, other = draw_scene(seed, options), draw_scene(seed + 500_000, options)
+    if name:
+        scene = hide_on_table(name, scene, randomness.stream(seed, "law", name))
+    actions = draw_actions(
+        scene.thing, options.actions, randomness.stream(other.seed, "actions"), STEP
+    )
+    both = [scene, replace(scene, seed=other.seed, actions=tuple(actions))]
+    made = zip(both, simulate(both), strict=True)
+    first, second = (
+        read_sensors(motion, one, Faults(), options.sensors, randomness.stream(one.seed, "noise"))
+        for one, motion in made
+    )
+    return first, second

@@ -189,9 +189,9 @@ class Diagnosis(Discrepancy):
             The diagnosis with the law in its document (`law`, or `nothing_learnt`, the reason).
 
         Raises:
-            BadInputError: the recording is not of a held object, or the name is no effect's.
+            BadInputError: no laws are known of such recordings, or the name is no effect's.
         """
-        from tactile_dynamics_ros.core.inertia.diagnosis.law_documents import learn_file
+        from tactile_dynamics_ros.core.discrepancy.laws.documents import learn_file
 
         return replace(self, document=self.document | learn_file(self.answer, Path(path)))
 

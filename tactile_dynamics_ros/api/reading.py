@@ -249,10 +249,12 @@ def read_joints(
 
 
 def names_of(named: str | Sequence[str | Effect]) -> list[str]:
-    """Return the names of effects given as "a,b", by their names, or as they are."""
+    """Return the names of effects given as "a,b", by their names, files, or as they are."""
+    from tactile_dynamics_ros.core.effects.registry import expand_files
+
     if isinstance(named, str):
-        return [name.strip() for name in named.split(",") if name.strip()]
-    return [one if isinstance(one, str) else one.name for one in named]
+        named = [name.strip() for name in named.split(",") if name.strip()]
+    return expand_files([one if isinstance(one, str) else one.name for one in named])
 
 
 def effects_of(named: str | Sequence[str | Effect]) -> list[Effect]:
@@ -262,9 +264,8 @@ def effects_of(named: str | Sequence[str | Effect]) -> list[Effect]:
         BadInputError: a name is unknown or given twice, or a file cannot be read.
     """
     from tactile_dynamics_ros.core.effects import create_effect
-    from tactile_dynamics_ros.core.effects.registry import expand_files
 
-    named = expand_files(names_of(named)) if isinstance(named, str) else named
+    named = names_of(named) if isinstance(named, str) else named
     names = [one for one in named if isinstance(one, str)]
     repeated = {name for name in names if names.count(name) > 1}
     if repeated:

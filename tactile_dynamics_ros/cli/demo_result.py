@@ -63,7 +63,7 @@ class Findings:
     @property
     def effects(self) -> list[str]:
         """Effects of the explanation, after the file of the law that was learnt live."""
-        learnt = [self.law["file"]] if self.law else []
+        learnt = [*self.law["beside"], self.law["file"]] if self.law else []
         return learnt + (self.offline["effects"] if self.offline else [])
 
     def summary(self, whole: float, hidden: Mapping[str, Any]) -> list[str]:

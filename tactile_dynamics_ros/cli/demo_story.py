@@ -47,7 +47,8 @@ class Story:
     Attributes:
         diagnosis: what was answered; None before.
         seconds: span of the measurements that were asked about, s.
-        added: effect, or file of a law, that was added to the live model; None if none was.
+        added: effect, or file of a law after the effects beside it, that was added to the live
+            model, separated by commas; None if none was.
     """
 
     def __init__(self, node: Node, say: Callable[[str], None], motion: float) -> None:
@@ -117,7 +118,8 @@ class Story:
             return
         self.added, meaning = proposed
         self._say(f"adding {self.added} to the live model{meaning}")
-        self._change = self._estimator.set_parameters([Parameter("effects", value=[self.added])])
+        names = self.added.split(",")
+        self._change = self._estimator.set_parameters([Parameter("effects", value=names)])
 
     def _on_error(self, message: Float64) -> None:
         self.errors.append((self._change is not None, message.data))
@@ -157,7 +159,7 @@ def proposal(document: dict[str, Any]) -> tuple[str, str] | None:
         document: of a diagnosis, with the law that was learnt, if one was.
     """
     if law := document.get("law"):
-        return law["file"], ", the law that was learnt"
+        return ",".join([*law["beside"], law["file"]]), ", the law that was learnt"
     effect, others = document.get("effect"), [*document.get("group", ())][1:]
     if effect and document["verdict"] == "ambiguous":
         return effect, (

@@ -56,8 +56,8 @@ def add_parser(verbs: _SubParsersAction[Any]) -> None:
                 "--learn",
                 type=file_to_write,
                 metavar="LAW.yaml",
-                help="learn the law of what no known effect explains (held objects); the file is "
-                "for --effects of any verb",
+                help="learn the law of what no known effect explains (held and pushed objects); "
+                "the file is for --effects of any verb",
             )
         parser.set_defaults(run=run)
 

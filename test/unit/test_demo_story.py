@@ -125,14 +125,19 @@ def test_nothing_is_proposed_where_nothing_is_missing_and_a_refusal_is_said(monk
 
 
 def test_a_law_that_was_learnt_is_added_and_held_against_the_whole_recording(monkeypatch, tmp_path):
-    law = {"file": "law_1.yaml", "form": "central_force", "sentence": "Learnt: a force."}
+    law = {
+        "beside": ["viscous_drag"],
+        "file": "law_1.yaml",
+        "form": "central_force",
+        "sentence": "Learnt: a force.",
+    }
     live = diagnosed("unexplained") | {"law": law}
     nodes = Nodes(live)
     story, said = tell_story(monkeypatch, nodes, 60.0, [26.0, 26.1])
-    assert nodes.added == ["law_1.yaml"]
-    assert said[-1] == "adding law_1.yaml to the live model, the law that was learnt"
+    assert nodes.added == ["viscous_drag", "law_1.yaml"]
+    assert said[-1] == "adding viscous_drag,law_1.yaml to the live model, the law that was learnt"
     found = Findings(story.diagnosis, 26.0, explained("adequate"))
-    assert found.effects == ["law_1.yaml"]
+    assert found.effects == ["viscous_drag", "law_1.yaml"]
     told = found.summary(68.0, HIDDEN)
     assert told[0].startswith("With the law learnt live, in all 68 s of the recording: nothing is")
     assert told[1].endswith("; the law learnt live has the form central_force.")
@@ -143,7 +148,7 @@ def test_a_law_that_was_learnt_is_added_and_held_against_the_whole_recording(mon
         )
     )  # fmt: skip
     demo._explain(tmp_path, found.effects, lambda _: None)
-    assert asked[0][-2:] == ["--effects", "law_1.yaml"]
+    assert asked[0][-2:] == ["--effects", "viscous_drag,law_1.yaml"]
 
 
 def test_what_comes_after_the_object_was_put_down_is_not_added(monkeypatch):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,37 +15,46 @@ from benchmarks.local_terms import LAWS, NOISE, ScalarModel, Term, make
 from tactile_dynamics_ros.cli.main import main
 from tactile_dynamics_ros.core.contract import central_differences
 from tactile_dynamics_ros.core.discrepancy.diagnosis import diagnose
-from tactile_dynamics_ros.core.discrepancy.laws import Law, NothingLearnt, learn_law, search_laws
+from tactile_dynamics_ros.core.discrepancy.laws.documents import learn_file
+from tactile_dynamics_ros.core.discrepancy.laws.learning import Law, NothingLearnt, learn_law
+from tactile_dynamics_ros.core.discrepancy.laws.search import search_laws
 from tactile_dynamics_ros.core.effects import create_effects
 from tactile_dynamics_ros.core.effects.check import example_inertia, example_samples
 from tactile_dynamics_ros.core.effects.formula.file import read_effect
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
-from tactile_dynamics_ros.core.inertia.diagnosis.law_documents import law_entry
+from tactile_dynamics_ros.core.effects.registry import expand_files
+from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.inertia.diagnosis.law_forms import held_forms
 from tactile_dynamics_ros.core.inertia.diagnosis.live_check import learn_from_streams
 from tactile_dynamics_ros.core.inertia.live.refit import RefittedModel, fit_live
+from tactile_dynamics_ros.core.planar.diagnosis.law_forms import pushed_forms
+from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
+from tactile_dynamics_ros.core.planar.effects.situation import PlanarMotion
 from tactile_dynamics_ros.synthetic import ScenarioOptions, generate_at_whitened_rms
 from tactile_dynamics_ros.synthetic.recordings import write_bag
 
 
 @dataclass(frozen=True)
 class PowerLaw:
-    """Force size |x|^power sign(x) of the driven mass."""
+    """Force size |q|^power sign(q) of the driven mass, q its place or its speed."""
 
     name: str = "power_law"
-    formula: str = "size |x|^power"
-    sentence: str = "a power of place"
+    of: str = "place"
+    formula: str = "size |q|^power"
+    sentence: str = "a power acts"
 
     def force(self, motion, theta):
         """Return the force (N,)."""
-        return theta[0] * np.sign(motion.place) * np.abs(motion.place) ** theta[1]
+        quantity = getattr(motion, self.of)
+        return theta[0] * np.sign(quantity) * np.abs(quantity) ** theta[1]
 
 
 @dataclass(frozen=True)
 class Driven(ScalarModel):
-    """The driven mass of the benchmark, with laws beside its terms."""
+    """The driven mass of the benchmark, with laws beside its terms; stated noise over the white."""
 
     catalogue: tuple[str, ...] = ("drag", "dry_friction")
+    stated: float = 1.0
 
     def predict(self, x, effects):
         total = x[0] * self.motion.place + x[1] * self.motion.speed
@@ -60,36 +70,96 @@ class Driven(ScalarModel):
         both = (EffectParameter("size", "", 10.0, ""), EffectParameter("power", "", 5.0, ""))
         return both if isinstance(effect, PowerLaw) else both[:1]
 
+    def whiten(self, rows):
+        return super().whiten(rows) / self.stated
+
+    def law_forms(self):
+        return [PowerForm(), PowerForm("twin_law")]
+
+    def plan_against(self, rivals):
+        return {"description": f"move farther ({len(rivals)} rival)"}
+
+    def draw_noise(self, random):
+        return self.stated * super().draw_noise(random)
+
 
 @dataclass(frozen=True)
 class PowerForm:
-    """Powers of place at three exponents."""
+    """Powers of place or speed at three exponents."""
 
     name: str = "power_law"
+    of: str = "place"
+    words: str = "a force ~ distance^{power}"
+    linear: tuple[str, ...] = ("size",)
+    reference: tuple[float, str] = (1.0, "m")
+
+    def require_name(self, name, where):
+        pass
+
+    def entry_of(self, found):
+        return {"power": found["power"]["value"]}
+
+    def term_of(self, found):
+        return {"formula": "size |q|^power"}
 
     @cached_property
     def effect(self):
-        return PowerLaw()
+        return PowerLaw(self.name, self.of)
 
     def starts(self, model, frequencies):
         return [np.array([1.0, power]) for power in (0.5, 2.0, 4.0)]
 
     def columns(self, model, start):
-        return model.whiten(PowerLaw().force(model.motion, start))[:, None]
+        return model.whiten(self.effect.force(model.motion, start))[:, None]
 
     def completed(self, start, coefficients):
         return np.array([coefficients[0], start[1]])
 
 
-def driven(seed, law=lambda motion: 0.0):
+def driven(seed, law=lambda motion: 0.0, stated=1.0):
     """Return the fitted model of a mass on which a law acts."""
     motion = make("none", seed)
     motion = replace(motion, force=motion.force + law(motion))
-    return Driven(motion, np.zeros(2)).refined()
+    return Driven(motion, np.zeros(2), stated=stated).refined()
+
+
+def cubic(motion):
+    """Return the force of a law of place."""
+    return 0.8 * np.sign(motion.place) * np.abs(motion.place) ** 3.4
+
+
+def test_what_a_law_leaves_is_held_against_the_noise_that_is_stated():
+    def lasting(motion):
+        return cubic(motion) + 2.0 * NOISE * np.sin(2.0 * np.pi * 0.07 * motion.time)
+
+    law = learn_law(diagnose(driven(3, lasting, stated=2.0)), [PowerForm()])
+    assert isinstance(law, Law)
+    assert law.floor < 0.6, "white noise is half of what is stated"
+    assert 1.2 * law.floor < law.after.rms < 1.0, "more than white noise is left"
+    assert isinstance(learn_law(diagnose(driven(3, lasting)), [PowerForm()]), NothingLearnt)
+
+
+def test_two_laws_add_up_and_each_has_its_own_exponent():
+    both = [PowerForm(), PowerForm("power_drag", "speed")]
+    model = driven(4, lambda m: cubic(m) + 0.3 * m.speed * np.abs(m.speed) ** 1.5)
+    law = learn_law(diagnose(model), both)
+    assert isinstance(law, Law)
+    assert {form.name for form in law.forms} == {"power_law", "power_drag"}
+    found = law.model.parameters()
+    for name, power in (("power_law", 3.4), ("power_drag", 2.5)):
+        assert abs(found[name]["power"]["value"] - power) < 3.0 * found[name]["power"]["std"] < 0.3
+
+
+def test_a_law_is_learnt_beside_a_known_effect():
+    model = driven(8, lambda m: cubic(m) + 0.3 * LAWS["dry_friction"](m))
+    law = learn_law(diagnose(model), [PowerForm()])
+    assert isinstance(law, Law)
+    assert [form.name for form in law.forms] == ["power_law"]
+    assert law.beside == ("dry_friction",) or "dry_friction" in law.base.effect_names
 
 
 def test_a_law_is_learnt_jointly_with_the_parameters_of_the_model():
-    model = driven(3, lambda m: 0.8 * np.sign(m.place) * np.abs(m.place) ** 3.4)
+    model = driven(3, cubic)
     law = learn_law(diagnose(model), [PowerForm()])
     assert isinstance(law, Law)
     found = law.model.parameters()["power_law"]
@@ -115,6 +185,19 @@ def test_nothing_is_learnt_where_nothing_is_missing_or_a_known_effect_is():
     assert "dry_friction of the catalogue" in found.reason
 
 
+def test_two_laws_that_explain_as_well_are_both_kept_with_what_tells_them_apart(tmp_path):
+    found = learn_file(diagnose(driven(3, cubic)), tmp_path / "law.yaml")["law"]
+    [other] = found["others"]
+    assert {found["form"], other["form"]} == {"power_law", "twin_law"}
+    assert found["separating_motion"] == {"description": "move farther (1 rival)"}
+    assert f"As good: {other['form']}; move farther" in found["sentence"]
+    powers = [
+        yaml.safe_load(Path(file).read_text())["effects"]["law"]["power"]
+        for file in (found["file"], other["file"])
+    ]
+    assert powers == pytest.approx([3.4, 3.4], abs=0.1)
+
+
 def test_what_merely_goes_with_the_cause_is_no_law():
     random = np.random.default_rng(0)
     coarse = 2.0 * NOISE * np.repeat(random.normal(size=50), 30)
@@ -136,7 +219,7 @@ def test_every_form_is_an_effect_with_right_derivatives_before_and_after_it_is_l
         p.name: {"value": 0.3 + 0.1 * k, "std": 0.01, "unit": p.unit}
         for k, p in enumerate(form.effect.definition)
     }
-    learnt = read_effect("learnt", law_entry(form, table), "test")()
+    learnt = read_effect("learnt", form.entry_of(table), "test")()
     samples, load = example_samples(), example_inertia()
     theta = np.array([entry["value"] for entry in table.values()])
     changes = [0.0 if "_change" in p.name else table[p.name]["value"] for p in learnt.definition]
@@ -149,6 +232,32 @@ def test_every_form_is_an_effect_with_right_derivatives_before_and_after_it_is_l
     found = learnt.jacobian(samples, load, np.array(changes))
     np.testing.assert_allclose(found, exact, atol=1e-5 * np.abs(exact).max())
     assert learnt.screening_basis(samples, load).shape[2] > 0, "it can be screened"
+
+
+@pytest.mark.parametrize("form", pushed_forms(), ids=lambda form: form.name)
+def test_every_law_of_pushes_is_the_same_once_it_is_read_from_its_file(form, tmp_path):
+    table = {
+        p.name: {"value": 0.3 + 0.1 * k, "std": 0.01} for k, p in enumerate(form.kind.parameters)
+    }
+    path = tmp_path / f"pushed_{form.name}.yaml"
+    path.write_text(yaml.safe_dump({"effects": {path.stem: form.entry_of(table)}}))
+    [label] = expand_files([str(path)])
+    learnt = PUSHED.create(label)
+    random = np.random.default_rng(1)
+    motion = PlanarMotion(
+        np.linspace(0.0, 2.0, 9), 0.2 * random.normal(size=(9, 2)), random.normal(size=(9, 2)),
+        random.normal(size=9), random.normal(size=9), 1e-3, np.zeros(2),
+    )  # fmt: skip
+    theta = np.array([entry["value"] for entry in table.values()])
+    sizes = [theta[k] if name in form.linear else 0.0 for k, name in enumerate(form.names)]
+    for part in ("wrench", "friction", "rise"):
+        expected = getattr(form.effect, part)(motion, theta)
+        found = getattr(learnt, part)(motion, np.array(sizes))
+        assert (found is None) == (expected is None)
+        if expected is not None:
+            np.testing.assert_allclose(found, expected, rtol=1e-9)
+    with pytest.raises(BadInputError, match="taken by the catalogue"):
+        form.require_name("constant_pull", "law.yaml")
 
 
 def test_axes_of_the_world_turn_with_the_body():

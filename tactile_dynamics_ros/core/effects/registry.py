@@ -258,6 +258,10 @@ class EffectRegistry(Generic[EffectT]):
             )
         return tuple(self.create(label) for label in labels)
 
+    def expand(self, labels: Sequence[str]) -> list[str]:
+        """See `expand_files`."""
+        return expand_files(labels)
+
     def has_own(self, found: object) -> bool:
         """Whether it is an effect that was registered here and is none of the first names."""
         name = getattr(found, "name", None)

@@ -223,6 +223,10 @@ class LeastSquaresModel(ABC, Generic[EffectT]):
         """Families of named quantities, for a residual that no effect explains; none by default."""
         return []
 
+    def law_forms(self) -> Sequence[Any]:
+        """Forms of laws that may be learnt, see `laws.search.LawForm`; none by default."""
+        return ()
+
     def sums_of(self, effect: EffectT) -> Sequence[Sum]:
         """Sums of parameters that data may tell although not the summands; none by default."""
         return ()

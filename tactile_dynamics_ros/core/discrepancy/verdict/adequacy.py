@@ -148,13 +148,11 @@ def is_within_stated(model: ResidualModel, floor: float) -> bool:
     degrees of freedom; no second exceeds twice that; and they are slow: above 5 Hz there is no more
     than a quarter of them.
     """
-    if floor >= _WHITE_PART:
+    limit = stated_limit(model, floor)
+    if limit is None:
         return False
     time, white = instants(model)
     square = (white**2).mean(axis=1)
-    freedom = model.lasting_freedom
-    scatter = float(chdtri(freedom, 1.0 - _LASTING_QUANTILE)) / freedom
-    limit = floor**2 + (1.0 - floor**2) * scatter
     starts = window_starts(time, _WINDOW)
     seconds = np.add.reduceat(square, starts) / np.diff(np.append(starts, len(time)))
     if square.mean() > limit or seconds.max() > _MOST_OF_A_SECOND * limit:
@@ -162,6 +160,20 @@ def is_within_stated(model: ResidualModel, floor: float) -> bool:
     spectrum = periodogram(time, white)
     fast = spectrum.power[spectrum.hz > _SLOW_HZ]
     return bool(fast.size == 0 or fast.mean() <= floor**2 + _FAST_SHARE * (1.0 - floor**2))
+
+
+def stated_limit(model: ResidualModel, floor: float) -> float | None:
+    """Mean square up to which a residual is what sensors state; None if that is white noise alone.
+
+    Args:
+        model: fitted.
+        floor: white RMS of the noise alone.
+    """
+    if floor >= _WHITE_PART:
+        return None
+    freedom = model.lasting_freedom
+    scatter = float(chdtri(freedom, 1.0 - _LASTING_QUANTILE)) / freedom
+    return floor**2 + (1.0 - floor**2) * scatter
 
 
 def noise_floor(model: ResidualModel) -> float:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
+from importlib import import_module
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import sympy
 
@@ -42,6 +43,8 @@ from tactile_dynamics_ros.core.reading import read_yaml, require_file
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*$")
 """Names of parameters and definitions, as formulas can spell them; any other is refused."""
+_PUSHED_LAWS = ".".join([*__name__.split(".")[:2], "planar", "diagnosis", "law_forms"])
+"""Module that reads laws of pushed objects, imported where a file has one. No number."""
 _EFFECT_NAME = re.compile(r"[a-z][a-z0-9_]*$")
 """Names of effects, as those of the catalogue are spelt: they stand in `--effects a,b`. Capitals
 are refused, so that no two differ by them alone."""
@@ -83,8 +86,15 @@ def load_effects(path: str | Path) -> tuple[Effect, ...]:
     entries = _read_table(effects.get("effects"), f"{path}: effects")
     if not entries:
         raise BadInputError(f"{path}: effects: expected at least one effect by name")
-    classes = [_EffectFile(str(name), entry, path).read() for name, entry in entries.items()]
-    return tuple(register_effect(found)() for found in classes)
+    return tuple(_load_entry(str(name), entry, path) for name, entry in entries.items())
+
+
+def _load_entry(name: str, entry: object, path: Path) -> Effect:
+    """An effect of a file, made known; laws of pushed objects as their model reads them."""
+    if isinstance(entry, Mapping) and "law_of_pushed" in entry:
+        forms = import_module(_PUSHED_LAWS)
+        return cast(Effect, forms.read_law(name, entry, f"{path}: {name}")())
+    return register_effect(_EffectFile(name, entry, path).read())()
 
 
 def read_effect(name: str, entry: Mapping[str, Any], where: str) -> type[FormulaEffect]:
@@ -99,6 +109,21 @@ def read_effect(name: str, entry: Mapping[str, Any], where: str) -> type[Formula
         BadInputError: names the field, and what to do.
     """
     return _EffectFile(name, entry, Path(where)).read()
+
+
+def require_effect_name(name: str, where: str) -> None:
+    """Check the name of an effect of a file.
+
+    Args:
+        name: of the effect.
+        where: what the message names.
+
+    Raises:
+        BadInputError: it is that of an effect of the catalogue, or cannot be spelt in a label.
+    """
+    if not _EFFECT_NAME.match(name) or name in EFFECT_NAMES:
+        reason = "taken by the catalogue" if name in EFFECT_NAMES else "not a name"
+        raise BadInputError(f"{where}: {reason}; use letters, digits and _")
 
 
 def _load_classes(path: Path) -> tuple[Effect, ...]:
@@ -142,9 +167,7 @@ class _EffectFile:
 
     def __init__(self, name: str, entry: object, path: Path) -> None:
         self._name, self._where, self._module = name, f"{path}: {name}", path.stem
-        if not _EFFECT_NAME.match(name) or name in EFFECT_NAMES:
-            reason = "taken by the catalogue" if name in EFFECT_NAMES else "not a name"
-            raise BadInputError(f"{self._where}: {reason}; use letters, digits and _")
+        require_effect_name(name, self._where)
         self._entry = _read_table(entry, self._where, _EFFECT_FIELDS)
         self._declared: dict[str, Term] = {}
         self._parameters: list[EffectParameter] = []

@@ -391,6 +391,12 @@ class HeldObjectModel(LeastSquaresModel[Effect]):
             )
         return families
 
+    def law_forms(self) -> Sequence[Any]:
+        """Laws of a held object."""
+        from tactile_dynamics_ros.core.inertia.diagnosis.law_forms import held_forms
+
+        return held_forms()
+
     def plan_against(self, rivals: Sequence[HeldObjectModel]) -> dict[str, Any] | None:
         """Plan of the motion or re-grasp that would tell this model from others."""
         from tactile_dynamics_ros.core.inertia.diagnosis.separating_motion import plan_separation

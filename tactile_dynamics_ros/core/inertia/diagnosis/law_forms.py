@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -11,12 +11,19 @@ from typing import Any
 import numpy as np
 
 from tactile_dynamics_ros.core.array import Array
+from tactile_dynamics_ros.core.discrepancy.laws.documents import write_law
 from tactile_dynamics_ros.core.effects.formula.effect import FormulaEffect
-from tactile_dynamics_ros.core.effects.formula.file import read_effect
+from tactile_dynamics_ros.core.effects.formula.file import read_effect, require_effect_name
 from tactile_dynamics_ros.core.effects.geometry import AXES
-from tactile_dynamics_ros.core.inertia.diagnosis.discrepancy_model import HeldObjectModel
+from tactile_dynamics_ros.core.inertia.diagnosis.quick_fit import WhitenedModel
 
 Values = dict[str, Any]
+
+_LEEWAY = 3.0
+"""Standard deviations by which what was learnt may move on another recording: its prior there. More
+lets the law become another one, less holds what the first recording knew too little."""
+_LEAST_LEEWAY = 1e-6
+"""Prior of what was learnt with next to no uncertainty, in its unit: a prior must be above zero."""
 
 _REACHES = (0.0, 0.05, 0.1, 0.2, 0.4)
 """Distances of tried places from the mean position, m: a motion of 10 cm tells one at 5 cm from one
@@ -76,7 +83,7 @@ class HeldForm:
     name: str
     words: str
     entry: Values
-    grid: Callable[[HeldObjectModel], list[Values]]
+    grid: Callable[[WhitenedModel], list[Values]]
     linear: tuple[str, ...]
     lever: str = ""
     line: str = ""
@@ -91,12 +98,12 @@ class HeldForm:
         """Names of the parameters, vectors in components."""
         return tuple(p.name for p in self.effect.definition)
 
-    def starts(self, model: HeldObjectModel, frequencies: Sequence[float]) -> list[Array]:
+    def starts(self, model: WhitenedModel, frequencies: Sequence[float]) -> list[Array]:
         """Parameters from which fits may start."""
         grid = [{self.line: f} for f in sorted(set(frequencies))] if self.line else self.grid(model)
         return [self._theta(values) for values in grid]
 
-    def columns(self, model: HeldObjectModel, start: Array) -> Array:
+    def columns(self, model: WhitenedModel, start: Array) -> Array:
         """White derivatives by the linear parameters and the lever."""
         picked = [self.names.index(name) for name in self._screened]
         parts = [
@@ -115,6 +122,66 @@ class HeldForm:
             far = max(1.0, float(np.linalg.norm(point)) / _FARTHEST_POINT)
             theta[places[count:]] = point / far
         return theta
+
+    def require_name(self, name: str, where: str) -> None:
+        """Check that a law may have a name.
+
+        Raises:
+            BadInputError: it is that of a known effect, or no name.
+        """
+        require_effect_name(name, where)
+
+    def entry_of(self, found: Mapping[str, Mapping[str, Any]]) -> Values:
+        """Entry of a file of effects: sizes free, the rest as learnt with what may change of it.
+
+        Args:
+            found: value, std and unit by parameter.
+        """
+        parameters: Values = {}
+        constants: Values = dict(self.entry.get("constants", {}))
+        learnt: Values = {}
+        for name, declared in self.entry["parameters"].items():
+            rows = [f"{name}_{axis}" for axis in AXES] if declared.get("vector") else [name]
+            values = [float(found[row]["value"]) for row in rows]
+            if rows[0] in self.linear:
+                size = float(np.linalg.norm(values)) if len(values) > 1 else values[0]
+                prior = max(declared["prior_std"], 3.0 * abs(size))
+                parameters[name] = {**declared, "prior_std": prior, "typical": size}
+                continue
+            std = max(_LEAST_LEEWAY, *(_LEEWAY * float(found[row]["std"]) for row in rows))
+            change = {**declared, "prior_std": float(std), "typical": float(std)}
+            change["description"] = f"change of the learnt {declared['description']}"
+            parameters[f"{name}_change"] = change
+            for row, value, suffix in zip(rows, values, ("_x", "_y", "_z"), strict=False):
+                constants[f"{row}_learnt"] = {"value": value, "unit": declared["unit"]}
+                changed = f"{name}_change{suffix}" if len(rows) > 1 else f"{name}_change"
+                learnt[row] = f"{row}_learnt + {changed}"
+            if len(rows) > 1:
+                learnt[name] = rows
+        return {
+            **self.entry,
+            "parameters": parameters,
+            "constants": constants,
+            "definitions": {**learnt, **self.entry.get("definitions", {})},
+            "sentence": write_law(self, found),
+            "looks_like": "A residual that follows the formula, learnt from a recording.",
+        }
+
+    def term_of(self, found: Mapping[str, Mapping[str, Any]]) -> Values:
+        """Formula, axes and point of the law."""
+        wrench = self.entry["wrench"]
+        at = wrench.get("at", "origin")
+        return {
+            "formula": str(wrench.get("force") or wrench["torque"]),
+            "frame": wrench["axes"],
+            "acts_at": [found[f"point_{a}"]["value"] for a in AXES] if at == "point" else at,
+        }
+
+    @property
+    def reference(self) -> tuple[float, str] | None:
+        """Value and unit of the quantity at which the size is stated."""
+        stated = self.entry.get("constants", {}).get("reference")
+        return None if stated is None else (stated["value"], stated["unit"])
 
     @cached_property
     def _screened(self) -> tuple[str, ...]:
@@ -169,7 +236,7 @@ def _central() -> HeldForm:
         },
     }  # fmt: skip
 
-    def grid(model: HeldObjectModel) -> list[Values]:
+    def grid(model: WhitenedModel) -> list[Values]:
         middle = model.samples.position.mean(axis=0)
         offsets = [r * d for r in _REACHES for d in (directions() if r else np.zeros((1, 3)))]
         return [
@@ -223,7 +290,7 @@ def _rail() -> HeldForm:
         },
     }  # fmt: skip
 
-    def grid(model: HeldObjectModel) -> list[Values]:
+    def grid(model: WhitenedModel) -> list[Values]:
         half = directions()[:13]
         azimuth, elevation = np.arctan2(half[:, 1], half[:, 0]), np.arcsin(half[:, 2])
         return [
@@ -307,6 +374,6 @@ def _decay(axes: str) -> HeldForm:
     return HeldForm(f"{axes}_decay", words, entry, lambda _: [{"rate": r} for r in _RATES], linear)
 
 
-def _powers(exponents: Sequence[float], size: float) -> Callable[[HeldObjectModel], list[Values]]:
+def _powers(exponents: Sequence[float], size: float) -> Callable[[WhitenedModel], list[Values]]:
     """Starts at exponents."""
     return lambda model: [{"size": size, "power": n} for n in exponents]

@@ -12,12 +12,12 @@ import numpy as np
 from tactile_dynamics_ros.core.discrepancy.diagnosis import Diagnosis, diagnose
 from tactile_dynamics_ros.core.discrepancy.documents import Document
 from tactile_dynamics_ros.core.discrepancy.explanation import ask_twice
+from tactile_dynamics_ros.core.discrepancy.laws.documents import learn_file
 from tactile_dynamics_ros.core.discrepancy.live_check import LiveComparison, live_document
 from tactile_dynamics_ros.core.effects.registry import create_effects
 from tactile_dynamics_ros.core.effects.sensor_zero import with_zero
 from tactile_dynamics_ros.core.inertia.batch.averaging import averaged
 from tactile_dynamics_ros.core.inertia.batch.batch import BatchConfig, fit_recording
-from tactile_dynamics_ros.core.inertia.diagnosis.law_documents import learn_file
 from tactile_dynamics_ros.core.inertia.diagnosis.misreading import question
 from tactile_dynamics_ros.core.inertia.diagnosis.readings import (
     fit_with_readings,

@@ -285,12 +285,22 @@ class PushDiscrepancy(LeastSquaresModel[PushEffect]):
         return [self._family(instance, len(instances)) for instance in instances]
 
     def _family(self, effect: PushEffect, choices: int) -> Family:
-        columns = -self.whiten(self.linear.innovations(*self._spanned(effect)))
+        columns = self.columns_of(effect)
         kept = tuple(range(columns.shape[1]))
         return Family(
             effect.name, effect.label, effect.name, columns, kept, choices, source=effect,
             lasting=effect.lasting, regional=can_be_gated(effect) and effect.start is None,
         )  # fmt: skip
+
+    def columns_of(self, effect: PushEffect) -> Array:
+        """White columns (M, m) of what spans an effect."""
+        return -self.whiten(self.linear.innovations(*self._spanned(effect)))
+
+    def law_forms(self) -> Sequence[Any]:
+        """Laws of an object of one part."""
+        from tactile_dynamics_ros.core.planar.diagnosis.law_forms import pushed_forms
+
+        return pushed_forms() if isinstance(self.pushes, OnePart) else ()
 
     def _spanned(self, effect: PushEffect) -> tuple[Array, Array]:
         """Changes of rows (N, D, m) and (P, 3, m) by what spans an effect."""

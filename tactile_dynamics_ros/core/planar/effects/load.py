@@ -13,7 +13,7 @@ from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
 from tactile_dynamics_ros.core.planar.effects.situation import PlanarMotion, Situation
 from tactile_dynamics_ros.core.planar.mechanics.linkage import cross, turned
 
-_SPAN = 0.05
+SPAN = 0.05
 """Arm at which the families of forces at points of the object are computed, m: half a small object.
 Families are linear in it, so that another one changes nothing but rounding."""
 
@@ -26,7 +26,7 @@ _LEAST_PULL = 0.01
 begins at the centroid."""
 
 
-def _at_point(force: Array, point: Array, yaw: Array) -> Array:
+def at_point(force: Array, point: Array, yaw: Array) -> Array:
     """Wrench (R, 3) about the centroid of forces (R, 2) at a point (2,) m of the object."""
     arm = turned(np.broadcast_to(point, force.shape), yaw)
     return np.column_stack([force, cross(arm, force)])
@@ -52,7 +52,7 @@ def _point(
     if size < _LEAST_PULL**2:
         return np.zeros(2)
     seen = matrix.T @ torques + stiffness * _REACH**2 * shares
-    return np.asarray(_SPAN * seen / size)
+    return np.asarray(SPAN * seen / size)
 
 
 @PUSHED.register
@@ -77,13 +77,13 @@ class TetherSpring(PushEffect):
         """F = f - k (p + R b) at b."""
         point = turned(np.broadcast_to(theta[3:], motion.place.shape), motion.yaw)
         force = theta[1:3] - theta[0] * (motion.away + point)
-        return _at_point(force, theta[3:], motion.yaw)
+        return at_point(force, theta[3:], motion.yaw)
 
     def family_thetas(self) -> Array:
         """Spring and pulls at the centroid, and at two points beside it."""
         rows = [(k, x, y, 0.0, 0.0) for k, x, y in np.eye(3)]
-        rows += [(1.0, 0.0, 0.0, _SPAN, 0.0), (1.0, 0.0, 0.0, 0.0, _SPAN)]
-        rows += [(0.0, 1.0, 0.0, _SPAN, 0.0), (0.0, 1.0, 0.0, 0.0, _SPAN)]
+        rows += [(1.0, 0.0, 0.0, SPAN, 0.0), (1.0, 0.0, 0.0, 0.0, SPAN)]
+        rows += [(0.0, 1.0, 0.0, SPAN, 0.0), (0.0, 1.0, 0.0, 0.0, SPAN)]
         return np.array(rows)
 
     def guess(self, coefficients: Array) -> Array:
@@ -114,12 +114,12 @@ class ConstantPull(PushEffect):
     def wrench(self, motion: PlanarMotion, theta: Array) -> Array:
         """F at b."""
         force = np.broadcast_to(theta[:2], motion.place.shape)
-        return _at_point(force, theta[2:], motion.yaw)
+        return at_point(force, theta[2:], motion.yaw)
 
     def family_thetas(self) -> Array:
         """Pulls at the centroid, and at two points beside it."""
         rows = [(1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0)]
-        rows += [(1.0, 0.0, _SPAN, 0.0), (1.0, 0.0, 0.0, _SPAN)]
+        rows += [(1.0, 0.0, SPAN, 0.0), (1.0, 0.0, 0.0, SPAN)]
         return np.array(rows)
 
     def guess(self, coefficients: Array) -> Array:

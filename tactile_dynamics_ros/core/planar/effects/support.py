@@ -20,7 +20,7 @@ _LEAST_FACTOR = 0.05
 not make friction push. No fit to data comes near it."""
 
 
-def _scaled(factor: Array) -> Array:
+def scaled(factor: Array) -> Array:
     """Matrices (R, 2, 2) of factors (R,)."""
     return np.asarray(np.maximum(factor, _LEAST_FACTOR)[:, None, None] * np.eye(2))
 
@@ -87,7 +87,7 @@ class VelocityWeakening(PushEffect):
     def friction(self, motion: PlanarMotion, theta: Array) -> Array:
         """Factor by speed."""
         half = _HALF_SPEED * np.exp(theta[1])
-        return _scaled(1.0 - theta[0] * motion.speed / (motion.speed + half))
+        return scaled(1.0 - theta[0] * motion.speed / (motion.speed + half))
 
 
 @PUSHED.register
@@ -130,7 +130,7 @@ class FrictionGradient(PushEffect):
 
     def friction(self, motion: PlanarMotion, theta: Array) -> Array:
         """Factor by place."""
-        return _scaled(1.0 + motion.away @ theta)
+        return scaled(1.0 + motion.away @ theta)
 
     def rise(self, motion: PlanarMotion, theta: Array) -> Array:
         """The side of the object that lies higher up resists more."""
@@ -169,4 +169,4 @@ class FrictionChange(PushEffect):
 
     def friction(self, motion: PlanarMotion, theta: Array) -> Array:
         """Factor by time."""
-        return _scaled(1.0 + theta[0] * self.since(motion.time))
+        return scaled(1.0 + theta[0] * self.since(motion.time))

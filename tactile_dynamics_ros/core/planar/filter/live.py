@@ -156,6 +156,7 @@ class LiveProperties:
         Raises:
             BadInputError: an effect is unknown or named twice, or the model is a learnt one.
         """
+        names = PUSHED.expand(names)
         PUSHED.create_all(names)
         if names and self.model is not PATCH:
             raise BadInputError(
