@@ -14,6 +14,11 @@ Effects = dict[str, dict[str, dict[str, Any]]]
 
 _NAMES = {"rigid": "rigidly joined", "jointed": "jointed", "separate": "separate objects"}
 """Words for what two parts are to each other, in the order in which sentences list them."""
+_UNKNOWN = 0.2
+"""Relative std from which a quantity is undetermined, as every mass of this product."""
+_UNKNOWN_COM = 0.25
+"""Std of a coordinate of the centre of mass over the footprint's radius of gyration from which it
+is undetermined: half the prior's."""
 PLACES = ("com_", "carried_")
 """How the names of coordinates begin: of centres of mass, and of where friction acts."""
 _TELL_STRUCTURE = (
@@ -152,16 +157,37 @@ class LinkedEstimate:
             said.append(
                 f"error             {self.error:.2f} times the noise, {self.samples} samples"
             )
-        for name, parameters in self.effects.items():
-            told = [
-                f"{n} = {e['value']:.2g} ± {e['std']:.2g} {e['unit']}"
-                for n, e in parameters.items()
-            ]
-            said.append(f"{name}: {', '.join(told)}")
+        said += effect_lines(self.effects)
         if self.undetermined:
             said.append(f"undetermined: {', '.join(self.undetermined)}")
         said += [f"to tell more: {remedy}" for remedy in self.remedies if fits]
         return said
+
+
+def effect_lines(effects: Effects) -> list[str]:
+    """Parameters of effects, a line each."""
+    said = []
+    for name, parameters in effects.items():
+        numbers = [
+            f"{symbol} = {entry['value']:.3g} ± {entry['std']:.2g} {entry['unit']}".strip()
+            for symbol, entry in parameters.items()
+        ]
+        said.append(f"{name}: {', '.join(numbers)}")
+    return said
+
+
+def vague(values: dict[str, Value], gyration: float | None = None) -> list[str]:
+    """Names of what is not determined.
+
+    Args:
+        values: value and std by name.
+        gyration: squared radius of gyration of the footprint, m^2; None where no centre is asked.
+    """
+    relative = [name for name in values if not name.startswith(PLACES)]
+    names = [n for n in relative if values[n][1] > _UNKNOWN * abs(values[n][0])]
+    reach = _UNKNOWN_COM * (0.0 if gyration is None else gyration) ** 0.5
+    centre = () if gyration is None else ("com_x", "com_y")
+    return names + ["com"] * any(values[n][1] > reach for n in centre)
 
 
 def _pair(value: Value) -> dict[str, float]:

@@ -12,7 +12,7 @@ from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import NotIdentifiableError
 from tactile_dynamics_ros.core.planar.effects.registry import PUSHED
 from tactile_dynamics_ros.core.planar.known import KnownPushed
-from tactile_dynamics_ros.core.planar.linked.description import TELL_MASS
+from tactile_dynamics_ros.core.planar.linked.description import TELL_MASS, effect_lines, vague
 from tactile_dynamics_ros.core.planar.mechanics.support import SupportPatch
 from tactile_dynamics_ros.core.planar.misreading import check_reading
 from tactile_dynamics_ros.core.planar.properties.balance import NAMES
@@ -33,12 +33,6 @@ if TYPE_CHECKING:
     from tactile_dynamics_ros.core.planar.sparse import SparseFit
 
 
-_UNKNOWN = 0.2
-"""Relative std from which mass, friction and force are undetermined, as every mass of this
-product."""
-_UNKNOWN_COM = 0.25
-"""Std of a coordinate of the centre of mass over the footprint's radius of gyration from which it
-is undetermined: half the prior's."""
 _PRIOR_FRICTION_STD = 0.6
 """Relative std of mass and friction where only their product is known: that of friction of
 tables."""
@@ -169,12 +163,7 @@ class PushedEstimate:
                 f"friction is taken to differ by {100.0 * self.unevenness:.0f} % from place to "
                 "place; a lean, a drag or another effect may look like that: `diagnose` tells"
             )
-        for name, parameters in self.effects.items():
-            told = [
-                f"{symbol} = {entry['value']:.3g} ± {entry['std']:.2g} {entry['unit']}".strip()
-                for symbol, entry in parameters.items()
-            ]
-            said.append(f"{name}: {', '.join(told)}")
+        said += effect_lines(self.effects)
         if self.undetermined:
             said.append(f"undetermined: {', '.join(self.undetermined)}")
         if "friction_force_n" not in v and "friction" in self.undetermined:
@@ -304,7 +293,7 @@ def _of_dense(fit: PushFit, streams: PushedStreams, patch: SupportPatch) -> Push
         samples=int(fit.model.data.mask.sum()),
         duration=_duration(streams),
         values=values,
-        undetermined=_undetermined(values, patch.gyration),
+        undetermined=tuple(vague(values, patch.gyration)),
         covariance=covariance,
         error=fit.whitened_rms,
         effects=fit.effects,
@@ -336,7 +325,7 @@ def _of_sparse(fit: SparseFit, streams: PushedStreams, patch: SupportPatch) -> P
         samples=len(fit.residuals),
         duration=_duration(streams),
         values=values,
-        undetermined=_undetermined(values, patch.gyration),
+        undetermined=tuple(vague(values, patch.gyration)),
         covariance=covariance,
         error=fit.residual_rms,
     )
@@ -372,9 +361,7 @@ def _of_paths(streams: PushedStreams, patch: SupportPatch) -> PushedEstimate:
     if sliding.friction is not None:
         values["friction"] = sliding.friction
     unknown = ["mass", "friction_force_n", "inertia_zz"]
-    value, spread = values.get("friction", (0.0, 1.0))
-    unknown += ["friction"] * (spread > _UNKNOWN * value)
-    unknown += ["com"] * bool(np.any(std > _UNKNOWN_COM * np.sqrt(patch.gyration)))
+    unknown += ["friction"] * ("friction" not in values) + vague(values, patch.gyration)
     return PushedEstimate(
         samples=len(slow),
         duration=_duration(streams),
@@ -436,12 +423,3 @@ def _values(
         "inertia_zz": (about, about * np.hypot(std[1], inertia[1])),
     }
     return {name: (float(value), float(spread)) for name, (value, spread) in pairs.items()}
-
-
-def _undetermined(values: dict[str, tuple[float, float]], gyration: float) -> tuple[str, ...]:
-    """Names of what is not told, with the footprint's squared radius of gyration, m^2."""
-    relative = ("mass", "friction", "friction_force_n", "friction_radius_m", "inertia_zz")
-    names = [n for n in relative if values[n][1] > _UNKNOWN * abs(values[n][0])]
-    reach = _UNKNOWN_COM * np.sqrt(gyration)
-    names += ["com"] * any(values[n][1] > reach for n in ("com_x", "com_y"))
-    return tuple(names)

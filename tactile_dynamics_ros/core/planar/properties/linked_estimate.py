@@ -15,12 +15,12 @@ from tactile_dynamics_ros.core.planar.effects.effect import PushEffect
 from tactile_dynamics_ros.core.planar.effects.joint import LooseJoint
 from tactile_dynamics_ros.core.planar.effects.part import has_law
 from tactile_dynamics_ros.core.planar.linked.description import (
-    PLACES,
     Effects,
     LinkedEstimate,
     PlacedJoint,
     Value,
     remedies,
+    vague,
 )
 from tactile_dynamics_ros.core.planar.mechanics.linkage import turned
 from tactile_dynamics_ros.core.planar.properties.intervals import COARSE
@@ -30,11 +30,6 @@ from tactile_dynamics_ros.core.planar.properties.linked_rigid import RigidModel
 from tactile_dynamics_ros.core.planar.properties.push_model import ASTRAY
 from tactile_dynamics_ros.core.planar.streams import PushedStreams
 
-_UNKNOWN = 0.2
-"""Relative std from which a quantity is undetermined, as of one part."""
-_UNKNOWN_COM = 0.25
-"""Std of a coordinate of the centre of mass over the footprint's radius of gyration from which it
-is undetermined, as of one part."""
 TURNED = np.radians(5.0)
 """Turn of a joint from which its friction and the parts' shares are reported, rad. At 2 degrees of
 six joints two came out with a tenth of their friction torque, at a stated half."""
@@ -405,15 +400,8 @@ def _of_separate(pair: Pair, estimate_alone: Callable[[PushedStreams], Alone]) -
 
 
 def _undetermined(pair: Pair, found: _Found) -> tuple[str, ...]:
-    """Names of what is not told; the whole's have no link before them."""
-
-    def vague(values: dict[str, Value]) -> list[str]:
-        relative = [n for n in values if not n.startswith(PLACES)]
-        return [n for n in relative if values[n][1] > _UNKNOWN * abs(values[n][0])]
-
+    """Names of what is not determined; the whole's have no link before them."""
     names = vague(found.whole)
     for k, link in enumerate(found.links):
-        reach = _UNKNOWN_COM * np.sqrt(pair.patches[k].gyration)
-        own = vague(link) + ["com"] * any(link[n][1] > reach for n in ("com_x", "com_y"))
-        names += [f"link_{k + 1}.{n}" for n in own]
+        names += [f"link_{k + 1}.{n}" for n in vague(link, pair.patches[k].gyration)]
     return tuple(names)
