@@ -312,7 +312,7 @@ def test_what_explains_nine_tenths_is_named_and_the_rest_described() -> None:
     assert (diagnosis.verdict, diagnosis.effect) == ("missing_effect", "spring")
     document = diagnosis_document(diagnosis)
     assert document["unexplained"]["frequency_hz"] == pytest.approx(13.0, rel=0.02)
-    assert "of the rest, it acts on force, oscillates at 13 Hz" in document["sentence"]
+    assert "what remains is in force, oscillates at 13 Hz" in document["sentence"]
     strict = replace(DiagnosisConfig(), mostly=0.99)
     assert diagnose(model, strict).verdict == "unexplained"
 

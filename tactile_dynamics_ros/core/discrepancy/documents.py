@@ -206,7 +206,7 @@ def _verdict_sentence(diagnosis: Diagnosis) -> str:
     elif diagnosis.remaining > _REMAINS and not diagnosis.steps[0].after.within_stated:
         text += f"; what remains is {diagnosis.remaining:.1f} times the noise"
     if diagnosis.signature is not None:
-        text += f"; of the rest, {_facts(diagnosis.signature)}"
+        text += f"; {_facts(diagnosis.signature, 'what remains')}"
     clause = group_clause(diagnosis.verdict, diagnosis.group, diagnosis.separating_motion)
     return f"{text}; {clause}." if clause else f"{text}."
 
@@ -271,7 +271,17 @@ def _unexplained_sentence(diagnosis: Diagnosis) -> str:
         )
     assert diagnosis.signature is not None
     text = f"Something is missing that is not in the catalogue: {_facts(diagnosis.signature)}"
-    return text + _lead(diagnosis) + "."
+    return text + _lead(diagnosis) + _loud(diagnosis) + "."
+
+
+def _loud(diagnosis: Diagnosis) -> str:
+    """That even the quietest frequencies are louder than the sensors state, if they are."""
+    if diagnosis.assessment.noise_stated_well:
+        return ""
+    return (
+        f"; apart from that, noise is {diagnosis.floor:.2f} times what the sensors state: their "
+        "noise is understated, or there is vibration (the report of --out has the spectrum)"
+    )
 
 
 def _significant(diagnosis: Diagnosis) -> str:
@@ -296,24 +306,25 @@ def _lead(diagnosis: Diagnosis) -> str:
         return ""
     names = join_names([step.name for step in steps], "and")
     if len(steps) == 1:
-        return f"; of the known effects {names} explains most, {write_percent(share)} of it"
+        return f"; of the known effects {names} explains most, {write_percent(share)} after a refit"
     fitted = steps[-1].choice.model.parameters()
     values = "; ".join(f"{s.name}: {write_parameters(fitted.get(s.name, {}))}" for s in steps)
     percent = write_percent(share)
     return f"; of the known effects {names} together explain {percent} of it ({values})"
 
 
-def _facts(signature: Signature) -> str:
-    facts = [f"it acts on {_channels(signature.channels)}"]
+def _facts(signature: Signature, subject: str = "the error") -> str:
+    facts = [f"{subject} is in {_channels(signature.channels)}"]
     if signature.frame:
         facts.append(f"is simplest in the {signature.frame} frame")
     if signature.frequency_hz is not None:
         facts.append(f"oscillates at {signature.frequency_hz:.3g} Hz")
     if signature.intervals:
-        facts.append(f"comes in {len(signature.intervals)} bursts")
+        count = len(signature.intervals)
+        facts.append("comes in one burst" if count == 1 else f"comes in {count} bursts")
     if signature.correlates_with:
         facts.append(
-            f"goes with {signature.correlates_with.replace('_', ' ')} "
+            f"correlates with {signature.correlates_with.replace('_', ' ')} "
             f"({write_percent(signature.share)} of the excess error)"
         )
     if signature.change:
