@@ -186,7 +186,7 @@ def test_the_live_page_is_started_on_request(monkeypatch, tmp_path):
     said = []
     with pytest.raises(TactileDynamicsError, match="enough"):
         demo_planar.play(ARGUMENTS, tmp_path, said.append)
-    assert started.started["view"][-2:] == ["--port", "8081"]
+    assert started.started["view"][-3:] == ["--port", "8081", "--control"]
     assert any(line.startswith("live page: http://127.0.0.1:8081/?token=") for line in said)
 
 

@@ -75,8 +75,10 @@ def states_shares(loads: Sequence[Array], stated: Sequence[Array]) -> bool:
     shares = []
     for force, std in zip(loads, stated, strict=True):
         load = np.linalg.norm(force, axis=1)
+        if len(load) < 2 or np.ptp(load) == 0.0:
+            continue
         noise = np.linalg.norm(std.reshape(len(load), -1), axis=1)
-        if len(load) > 1 and np.ptp(load) > 0.0 and noise.any():
+        if noise.any():
             slope = float(np.polyfit(load - load.mean(), noise, 1)[0])
             shares.append(slope * load.mean() / noise.mean())
     return len(shares) > 0 and float(np.mean(shares)) > _SHARED
