@@ -19,6 +19,7 @@ from tactile_dynamics_ros.ros.parameters import (
     field_names,
     refuse_unknown,
 )
+from tactile_dynamics_ros.view.state import State
 
 
 @dataclass(frozen=True)
@@ -182,7 +183,7 @@ def test_the_page_and_the_command_set_any_choice_of_effects_or_none(ros, names):
     thread = Thread(target=executor.spin, daemon=True)
     thread.start()
     try:
-        told = Control(asker)._set_effects(names)
+        told = Control(asker, State())._set_effects(names)
         set_parameter(asker, "inertial_estimator", "effects", parse_yaml(str(names), ""), 10.0)
     finally:
         executor.shutdown()
