@@ -84,11 +84,12 @@ def read(folder):
 
 
 def _busy(pid):
-    """Return the workers of a batch that run a verb; those that have just ended run none."""
+    """Return the workers of a batch that run a verb: none that starts, or has just ended."""
     busy = []
     for worker in psutil.Process(pid).children():
         with contextlib.suppress(psutil.NoSuchProcess):
-            busy += [worker] * bool(worker.children())
+            told = [child.cmdline() for child in worker.children()]
+            busy += [worker] * any("tactile_dynamics_ros.cli.main" in words for words in told)
     return busy
 
 
