@@ -13,7 +13,7 @@ from benchmarks.support.compliant_pushes import Compliant, draw_arms, push_compl
 from tactile_dynamics_ros.core.errors import TactileDynamicsError
 from tactile_dynamics_ros.core.planar.properties.estimate import PushedEstimate, estimate
 from tactile_dynamics_ros.core.planar.streams import PushedStreams
-from tactile_dynamics_ros.core.planar.tip import Stiffness, contact_of_tip, felt_by_stiffness
+from tactile_dynamics_ros.core.planar.tip import Stiffness, contact_of_tip, force_by_stiffness
 from tactile_dynamics_ros.synthetic.pushed.actions import ActionOptions
 from tactile_dynamics_ros.synthetic.pushed.recordings import PushOptions
 
@@ -54,10 +54,10 @@ def _rows(
 def _row(made: Compliant, stiffness: Stiffness) -> dict[str, Any]:
     contact = contact_of_tip(made.link, made.time, made.place)
     try:
-        felt, doubt, mass_doubt = felt_by_stiffness(
+        pushed, doubt, mass_doubt = force_by_stiffness(
             made.link, contact, made.place, made.target, stiffness
         )
-        contacts = {"pusher": felt}
+        contacts = {"pusher": pushed}
         streams = PushedStreams((made.link,), contacts, force_doubt=doubt, mass_doubt=mass_doubt)
         found = estimate(streams)
     except TactileDynamicsError as error:

@@ -115,9 +115,8 @@ def _weigh(found: EstimateOfJoints, truth: hidden.Payload) -> dict[str, Any]:
     except NotIdentifiableError:
         answer = False
     error = f"error {found.found.error:.2f} times the noise" + ": no answer" * (not answer)
-    return {"off_kg": off, "centre_off_m": 1e-3 * away, "answer": answer} | {
-        "text": f"{words}; {error}"
-    }
+    text = f"{words}; {error}"
+    return {"off_kg": off, "centre_off_m": 1e-3 * away, "answer": answer, "text": text}
 
 
 def _watch(model: JointsModel, added: Sequence[str], recording: JointRecording) -> dict[str, float]:

@@ -88,11 +88,7 @@ def add_recording_arguments(
     """Add the recording, its remappings and the effects of the model, unless it has none."""
     count = "?" if optional else "+"
     bag_help = "rosbag2 directory, .mcap, .db3 or ROS 1 .bag file"
-    several = (
-        ""
-        if optional
-        else "; several of one object are evaluated together; biases are estimated for each"
-    )
+    several = "" if optional else "; several of one object together, biases estimated for each"
     parser.add_argument("bag", metavar="BAG", nargs=count, help=bag_help + several)
     if effects:
         parser.add_argument(

@@ -234,8 +234,8 @@ class TableScene:
             )
         now = to_seconds(self.stamp)
         time, pose = self._object
-        reading = [size for when, size in self._forces.values() if abs(now - when) < SILENT]
-        return Seen(now, self._tip, pose, time, max(reading, default=0.0))
+        sizes = [size for when, size in self._forces.values() if abs(now - when) < SILENT]
+        return Seen(now, self._tip, pose, time, max(sizes, default=0.0))
 
     def _on_tip(self, message: Stamped) -> None:
         pose = pose_to_core(message, PUSHER_POSE, WORLD)

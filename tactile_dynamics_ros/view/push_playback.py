@@ -114,12 +114,9 @@ class PushPlayback:
         if self._shape is not None:
             state.shape, state.shape_pose = self._shape
         state.histories = self._histories
-        if (
-            self._effects
-            and self._asked is not None
-            and isinstance(self._asked.found, PushedEstimate)
-        ):
-            _of_estimate(time, self._asked.found)[1](state)
+        found = None if self._asked is None else self._asked.found
+        if self._effects and isinstance(found, PushedEstimate):
+            _of_estimate(time, found)[1](state)
         for name, value in self._overlay.items():
             setattr(state, name, value)
         return state

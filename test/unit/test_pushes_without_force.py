@@ -11,7 +11,7 @@ from tactile_dynamics_ros.api.reading import read_pushed_recording
 from tactile_dynamics_ros.core.errors import BadInputError, NotIdentifiableError
 from tactile_dynamics_ros.core.planar.properties.estimate import estimate
 from tactile_dynamics_ros.core.planar.streams import LinkStream, PushedStreams
-from tactile_dynamics_ros.core.planar.tip import Stiffness, contact_of_tip, felt_by_stiffness
+from tactile_dynamics_ros.core.planar.tip import Stiffness, contact_of_tip, force_by_stiffness
 from tactile_dynamics_ros.recording.bag_writer import write_tables
 from tactile_dynamics_ros.recording.pushed import PushedRecording, writer
 from tactile_dynamics_ros.recording.topics import POSE_STAMPED
@@ -157,14 +157,14 @@ def test_a_tip_s_force_is_its_lag_without_what_the_arm_itself_takes_up():
     time, place, target = behind_command(2.0, np.array([0.4, -0.2]), 50.0, 3.0)
     link = LinkStream(time, np.zeros((len(time), 3)), None, BOX)
     contact = replace(contact_of_tip(link, time, place), point=place)
-    felt, doubt, mass_std = felt_by_stiffness(link, contact, place, target, STATED)
-    steady = (felt.time > 2.7) & (felt.time < 4.3)
-    np.testing.assert_allclose(felt.force[steady].mean(axis=0), [2.0, 0.0, 0.0], atol=0.1)
+    pushed, doubt, mass_std = force_by_stiffness(link, contact, place, target, STATED)
+    steady = (pushed.time > 2.7) & (pushed.time < 4.3)
+    np.testing.assert_allclose(pushed.force[steady].mean(axis=0), [2.0, 0.0, 0.0], atol=0.1)
     assert STATED.std < doubt < 1.2 * STATED.std and 0.0 < mass_std < 0.3
-    assert 0.0 < felt.force_std.max() < 0.3
+    assert 0.0 < pushed.force_std.max() < 0.3
     with pytest.raises(NotIdentifiableError, match="record approach and retreat"):
         touching = slice(240, 460)
-        felt_by_stiffness(
+        force_by_stiffness(
             link,
             replace(contact, pose_time=time[touching], point=place[touching]),
             place[touching],

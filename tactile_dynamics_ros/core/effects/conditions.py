@@ -13,7 +13,7 @@ from tactile_dynamics_ros.core.contact.wrench_samples import WrenchSamples, once
 from tactile_dynamics_ros.core.effects.effect import Effect
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter, ParameterSum
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.numerics.regime import Regime
+from tactile_dynamics_ros.core.numerics.regime import Regime, gated
 
 _LEAST_FORCE = 1e-9
 """Grip force by which shares are divided at least, N: shares are zero where nothing is touched.
@@ -200,8 +200,4 @@ def gate_effect(effect: Effect, regime: Regime) -> Effect:
         raise BadInputError(
             f"effect '{effect.name}[{regime}]': sensors are late everywhere; leave the regime out"
         )
-    body = {name: getattr(type(effect), name) for name in _COPIED}
-    kind = type("GatedEffect", (GatedEffect,), body | {"name": f"{effect.name}[{regime}]"})
-    gated = kind(effect, regime)
-    assert isinstance(gated, GatedEffect)
-    return gated
+    return gated(GatedEffect, effect, regime, _COPIED)

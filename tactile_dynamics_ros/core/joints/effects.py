@@ -15,7 +15,7 @@ from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.effects.registry import CatalogueEntry, EffectRegistry, entry_of
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.joints.situation import Situation, values_of
-from tactile_dynamics_ros.core.numerics.regime import Regime
+from tactile_dynamics_ros.core.numerics.regime import Regime, gated
 
 _CHANCE = 2.0
 """Standard deviations by which a parameter may be beyond what is possible: noise moves one of zero
@@ -218,11 +218,7 @@ def gate_effect(effect: JointEffect, regime: Regime) -> JointEffect:
         raise BadInputError(
             f"effect '{name}': it acts everywhere or not at all; leave the regime out"
         )
-    body = {one: getattr(type(effect), one) for one in _COPIED}
-    kind = type("GatedJointEffect", (GatedJointEffect,), body | {"name": name})
-    gated = kind(effect, regime)
-    assert isinstance(gated, GatedJointEffect)
-    return gated
+    return gated(GatedJointEffect, effect, regime, _COPIED)
 
 
 JOINT_EFFECT_NAMES = (

@@ -15,7 +15,7 @@ from tactile_dynamics_ros.core.joints.arm import Arm
 from tactile_dynamics_ros.core.joints.live import KnownArm
 from tactile_dynamics_ros.core.joints.prior import FRICTION_STD, USUAL_SHARE, BodyPrior, all_columns
 from tactile_dynamics_ros.core.joints.samples import BLOCK, JointSamples
-from tactile_dynamics_ros.core.numerics.least_squares import DECISIVE, chi_square_beside
+from tactile_dynamics_ros.core.numerics.least_squares import DECISIVE, chi_square_beside, refuted
 from tactile_dynamics_ros.core.numerics.search import SearchConfig, evolve
 from tactile_dynamics_ros.core.weighing.arm import Plane, SerialArm, nearest
 
@@ -350,7 +350,7 @@ def plan_separation(
         numbers = evolve(design.costs, parents, np.full(shape, _BY_ONES), random, search).best
     samples, near = design.samples(numbers)
     gaps = design.gaps(samples)
-    told = [name for name, gap in zip(names, gaps, strict=True) if gap >= DECISIVE]
+    told = refuted(names, gaps)
     if near > 0.0 or not told:
         return None
     path = design.motion(numbers, round(_SHORTER.duration / _PERIOD) + 1)

@@ -8,7 +8,7 @@ independent of every residual near by, as in the Gauss-Helmert solution of the b
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -34,6 +34,11 @@ DECISIVE = 30.0
 """Expected chi^2 beyond which an explanation is refuted by a new recording: an error of 5.5 std in
 one direction. It is far beyond chance because errors of real sensors last and count less than white
 ones. Lower promises motions that such errors can spoil, higher finds a motion for fewer rivals."""
+
+
+def refuted(names: Sequence[str], gaps: Array) -> list[str]:
+    """Names of the explanations whose expected chi^2 (n,) is decisive."""
+    return [name for name, gap in zip(names, gaps, strict=True) if gap >= DECISIVE]
 
 
 def chi_square_beside(target: Array, columns: Array, prior: Array) -> float:

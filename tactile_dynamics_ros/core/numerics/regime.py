@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 
 Mask = NDArray[np.bool_]
+Gated = TypeVar("Gated")
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 """A decimal number in the text of a gate. Another form would refuse numbers that people write."""
@@ -110,3 +112,22 @@ def split_label(label: str) -> tuple[str, Regime | None]:
     if found is None:
         return label, None
     return found["name"] + (found["reading"] or ""), Regime.parse(found["regime"])
+
+
+def gated(
+    kind: type[Gated], inner: Any, regime: Regime, copied: Sequence[str], **own: Any
+) -> Gated:
+    """An effect that acts in a regime only, with the name ``name[regime]``.
+
+    Args:
+        kind: class of such effects, made from the inner effect and the regime.
+        inner: effect that acts everywhere.
+        regime: where it shall act.
+        copied: attributes of the class that it has from the inner effect.
+        own: further ones.
+    """
+    body = {name: getattr(type(inner), name) for name in copied}
+    body |= own | {"name": f"{inner.name}[{regime}]"}
+    made: Any = type(kind.__name__, (kind,), body)
+    found: Gated = made(inner, regime)
+    return found

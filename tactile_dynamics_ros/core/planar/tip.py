@@ -27,9 +27,7 @@ def contact_of_tip(link: LinkStream, time: Array, place: Array) -> PushContact:
         time: (K,) s, of the tip.
         place: (K, 3) m, middle of the tip, frame S; z is the height of the push.
     """
-    pose = np.stack([np.interp(time, link.time, part) for part in link.pose.T], axis=1)
-    own = turned(place[:, :2] - pose[:, :2], -pose[:, 2])
-    depth, normal = nearest_edge(link.footprint, edge_normals(link.footprint), own)
+    pose, depth, normal = _in_outline(link, time, place)
     before = np.stack([np.interp(time - 0.1, link.time, part) for part in link.pose.T[:2]], axis=1)
     moves = np.linalg.norm(pose[:, :2] - before, axis=1) > 0.1 * _MOVES
     radius = max(0.0, float(np.median(-depth[moves]))) if moves.any() else 0.0
@@ -72,7 +70,7 @@ class Stiffness:
     std: float
 
 
-def felt_by_stiffness(
+def force_by_stiffness(
     link: LinkStream, contact: PushContact, place: Array, target: Array, stiffness: Stiffness
 ) -> tuple[PushContact, float, float]:
     """Give a contact the forces by which a robot's tip stays behind its command.
@@ -122,22 +120,26 @@ def felt_by_stiffness(
     unsure = np.einsum("kip,pq,kiq->k", own[near], covariance, own[near])
     size = np.sum(force[near] ** 2, axis=1)
     doubt = float(np.sqrt(np.median(unsure) / max(float(np.median(size)), 1e-12)))
-    felt = replace(
+    pushed = replace(
         contact,
         time=time[near],
         force=np.pad(force[near], ((0, 0), (0, 1))),
         force_std=np.append(std, std.max()),
     )
-    return felt, float(np.hypot(stiffness.std, doubt)), float(np.sqrt(covariance[3, 3]))
+    return pushed, float(np.hypot(stiffness.std, doubt)), float(np.sqrt(covariance[3, 3]))
 
 
 def _is_near(link: LinkStream, contact: PushContact) -> NDArray[np.bool_]:
     """Whether a tip (K,) is so near to the outline that it may touch."""
-    time = contact.pose_time
-    pose = np.stack([np.interp(time, link.time, part) for part in link.pose.T], axis=1)
-    own = turned(contact.point[:, :2] - pose[:, :2], -pose[:, 2])
-    depth, _ = nearest_edge(link.footprint, edge_normals(link.footprint), own)
+    _, depth, _ = _in_outline(link, contact.pose_time, contact.point)
     return np.asarray(depth > -_CLEAR)
+
+
+def _in_outline(link: LinkStream, time: Array, place: Array) -> tuple[Array, Array, Array]:
+    """Pose (K, 3) of a link at times, depth (K,) of places (K, 3) in it, and nearest normals."""
+    pose = np.stack([np.interp(time, link.time, part) for part in link.pose.T], axis=1)
+    own = turned(place[:, :2] - pose[:, :2], -pose[:, 2])
+    return pose, *nearest_edge(link.footprint, edge_normals(link.footprint), own)
 
 
 def _own_motion(time: Array, place: Array, period: float) -> Array:

@@ -15,7 +15,7 @@ from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.errors import BadInputError
 from tactile_dynamics_ros.core.planar.joining import join_pushes
 from tactile_dynamics_ros.core.planar.streams import LinkStream, PushContact, PushedStreams
-from tactile_dynamics_ros.core.planar.tip import Stiffness, contact_of_tip, felt_by_stiffness
+from tactile_dynamics_ros.core.planar.tip import Stiffness, contact_of_tip, force_by_stiffness
 from tactile_dynamics_ros.core.rigid_body.rotation import quaternion_to_matrix
 from tactile_dynamics_ros.core.streams.streams import PoseStream
 from tactile_dynamics_ros.recording import topics
@@ -255,10 +255,10 @@ class _Assembly:
                 contacts = {"pusher": contact_of_tip(links[0], time, place)}
                 if self._stiffness is not None and len(links) == 1:
                     target = self._target(time)
-                    felt, *doubts = felt_by_stiffness(
+                    pushed, *doubts = force_by_stiffness(
                         links[0], contacts["pusher"], place, target, self._stiffness
                     )
-                    contacts = {"pusher": felt}
+                    contacts = {"pusher": pushed}
         if self._stiffness is not None and not doubts[0]:
             raise BadInputError(
                 f"{self._source}: a stiffness is for one part, {names.PUSHER_POSE} without contacts"

@@ -100,6 +100,18 @@ _PROMISING = 0.3
 show a law only in part. Higher may miss the right form, lower costs fits of hopeless ones."""
 
 
+_LEEWAY = 3.0
+"""Standard deviations by which what was learnt may move on another recording: its prior there. More
+lets the law become another one, less holds what the first recording knew too little."""
+_LEAST_LEEWAY = 1e-6
+"""Prior of what was learnt with next to no uncertainty, in its unit: a prior must be above zero."""
+
+
+def leeway(*stds: float) -> float:
+    """Prior std of numbers that were learnt, in another recording, by their standard deviations."""
+    return max(_LEAST_LEEWAY, _LEEWAY * max(stds))
+
+
 @dataclass(frozen=True)
 class Find:
     """A form of law fitted jointly with the model.

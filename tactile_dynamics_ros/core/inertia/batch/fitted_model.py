@@ -292,16 +292,11 @@ class FittedModel:
 
     @property
     def unplaced(self) -> bool:
-        """Whether no place was recorded of an object that turned: accelerations are unknown.
-
-        Every position is then the same number, and no IMU says otherwise.
-        """
-        turning = (np.abs(samples.angular_velocity).max() > _TURNS for samples in self.samples)
-        motions = [stretch.problem.raw.motion for stretch in self.stretches]
-        still = [m.position is not None and np.all(m.position == m.position[0]) for m in motions]
+        """Whether no place was recorded of an object that turned: accelerations are unknown."""
         return any(
-            turns and at_one_place and motion.specific_force is None
-            for turns, at_one_place, motion in zip(turning, still, motions, strict=True)
+            stretch.problem.raw.motion.at_one_place
+            and np.abs(stretch.problem.samples.angular_velocity).max() > _TURNS
+            for stretch in self.stretches
         )
 
     def smooth_residual(self) -> Array:

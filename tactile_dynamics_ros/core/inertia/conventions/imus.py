@@ -72,5 +72,5 @@ def with_gravity(streams: Streams) -> Streams:
     """Streams with accelerations of the IMU as an accelerometer at rest feels them."""
     imu = streams.imu
     assert imu is not None
-    specific_force = np.einsum("nji,j->ni", rotation_at(streams, imu.time), -GRAVITY_W)
-    return replace(streams, imu=replace(imu, specific_force=imu.specific_force + specific_force))
+    weight = np.einsum("nji,j->ni", rotation_at(streams, imu.time), -GRAVITY_W)
+    return replace(streams, imu=replace(imu, specific_force=imu.specific_force + weight))

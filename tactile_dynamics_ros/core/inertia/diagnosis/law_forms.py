@@ -12,18 +12,13 @@ import numpy as np
 
 from tactile_dynamics_ros.core.array import Array
 from tactile_dynamics_ros.core.discrepancy.laws.documents import write_law
+from tactile_dynamics_ros.core.discrepancy.laws.search import leeway
 from tactile_dynamics_ros.core.effects.formula.effect import FormulaEffect
 from tactile_dynamics_ros.core.effects.formula.file import read_effect, require_effect_name
 from tactile_dynamics_ros.core.effects.geometry import AXES
 from tactile_dynamics_ros.core.inertia.diagnosis.quick_fit import WhitenedModel
 
 Values = dict[str, Any]
-
-_LEEWAY = 3.0
-"""Standard deviations by which what was learnt may move on another recording: its prior there. More
-lets the law become another one, less holds what the first recording knew too little."""
-_LEAST_LEEWAY = 1e-6
-"""Prior of what was learnt with next to no uncertainty, in its unit: a prior must be above zero."""
 
 _REACHES = (0.0, 0.05, 0.1, 0.2, 0.4)
 """Distances of tried places from the mean position, m: a motion of 10 cm tells one at 5 cm from one
@@ -145,11 +140,11 @@ class HeldForm:
             values = [float(found[row]["value"]) for row in rows]
             if rows[0] in self.linear:
                 size = float(np.linalg.norm(values)) if len(values) > 1 else values[0]
-                prior = max(declared["prior_std"], 3.0 * abs(size))
+                prior = max(declared["prior_std"], leeway(abs(size)))
                 parameters[name] = {**declared, "prior_std": prior, "typical": size}
                 continue
-            std = max(_LEAST_LEEWAY, *(_LEEWAY * float(found[row]["std"]) for row in rows))
-            change = {**declared, "prior_std": float(std), "typical": float(std)}
+            std = leeway(*(float(found[row]["std"]) for row in rows))
+            change = {**declared, "prior_std": std, "typical": std}
             change["description"] = f"change of the learnt {declared['description']}"
             parameters[f"{name}_change"] = change
             for row, value, suffix in zip(rows, values, ("_x", "_y", "_z"), strict=False):

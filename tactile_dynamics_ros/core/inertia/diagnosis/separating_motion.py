@@ -23,7 +23,7 @@ from tactile_dynamics_ros.core.inertia.excitation.design import (
 from tactile_dynamics_ros.core.inertia.excitation.limits import Grip, MotionLimits
 from tactile_dynamics_ros.core.inertia.excitation.plan import RECORDED_HZ
 from tactile_dynamics_ros.core.inertia.excitation.trajectory import FourierOffsets, HeldPose
-from tactile_dynamics_ros.core.numerics.least_squares import DECISIVE, chi_square_beside
+from tactile_dynamics_ros.core.numerics.least_squares import DECISIVE, chi_square_beside, refuted
 from tactile_dynamics_ros.core.rigid_body.rotation import exp_so3
 
 if TYPE_CHECKING:
@@ -240,22 +240,17 @@ def plan_separation(best: WhitenedModel, others: Sequence[WhitenedModel]) -> dic
     times, names = _times(RECORDED_HZ), [model.effects[-1].name for model in others]
     recorded = replace(criterion, rate_hz=RECORDED_HZ)
     held = grip.load(start.follow(motion.offsets, times), best.phi)
-    kind, (gap, told) = "motion", _told(names, recorded.gaps(held))
+    kind, gaps = "motion", recorded.gaps(held)
+    told = refuted(names, gaps)
     if len(told) < len(names):
         parts = [
             stage.load(start.follow(motion.offsets, when), best.phi)
             for stage, when in _regrasp(grip, times)
         ]
-        regrasped = _told(names, recorded.gaps(*parts))
-        if len(regrasped[1]) > len(told):
-            kind, (gap, told) = "regrasp", regrasped
-    return _plan(kind, motion, told, gap) if told else None
-
-
-def _told(names: Sequence[str], gaps: Array) -> tuple[float, list[str]]:
-    """Largest expected chi^2, and the rivals that are refuted."""
-    told = [name for name, gap in zip(names, gaps, strict=True) if gap >= DECISIVE]
-    return float(gaps.max()), told
+        regrasped = recorded.gaps(*parts)
+        if len(refuted(names, regrasped)) > len(told):
+            kind, gaps, told = "regrasp", regrasped, refuted(names, regrasped)
+    return _plan(kind, motion, told, float(gaps.max())) if told else None
 
 
 def _times(rate_hz: float) -> Array:

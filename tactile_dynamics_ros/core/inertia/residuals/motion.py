@@ -92,6 +92,13 @@ class MotionSignals:
     valid: NDArray[np.bool_]
     unfollowed: float = 0.0
 
+    @property
+    def at_one_place(self) -> bool:
+        """Whether every position is the same number, and no IMU says otherwise."""
+        place = self.position
+        fixed = place is not None and bool(np.all(place == place[0]))
+        return fixed and self.specific_force is None
+
     def corrected(self, corrections: dict[str, Array]) -> MotionSignals:
         """Return the signals moved by corrections (K, 3) by name; rotations by world rotations."""
         orientation = corrections.get("orientation")

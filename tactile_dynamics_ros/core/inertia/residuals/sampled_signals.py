@@ -115,9 +115,8 @@ class SampledSignals:
     def regressor(self) -> Array:
         """(valid samples, 6, 10) Newton-Euler regressor, of the motion alone."""
         motion, keep = self._kinematics, self.valid
-        specific_force = ((motion.acceleration - self.motion.gravity)[:, None] @ motion.rotation)[
-            :, 0
-        ]
+        from_gravity = motion.acceleration - self.motion.gravity
+        specific_force = (from_gravity[:, None] @ motion.rotation)[:, 0]
         return regressor(
             specific_force[keep],
             motion.angular_velocity_B[keep],

@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 
 from tactile_dynamics_ros.core.array import Array
+from tactile_dynamics_ros.core.discrepancy.laws.search import leeway
 from tactile_dynamics_ros.core.effects.formula.file import require_effect_name
 from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.errors import BadInputError
@@ -46,18 +47,18 @@ a spot as large as the way of a push."""
 _FARTHEST_POINT = 0.1
 """Distance of a start's point from the centroid at most, m: an object that a robot pushes is not
 larger. It bounds starts only."""
-_LEEWAY = 3.0
-"""Standard deviations by which what was learnt may move in another recording: its prior there. More
-lets the law become another one, less holds what the first recording knew too little."""
-_LEAST_LEEWAY = 1e-6
-"""Prior of what was learnt with next to no uncertainty, in its unit: a prior must be above zero."""
 
-_POINT = tuple(
-    EffectParameter(f"point_{a}", "m", 0.1, "point of the object from its centroid", 0.02)
-    for a in "xy"
-)
+
+def _along_xy(
+    stem: str, unit: str, prior: float, text: str, typical: float
+) -> tuple[EffectParameter, ...]:
+    """Two parameters with the same prior."""
+    return tuple(EffectParameter(f"{stem}_{axis}", unit, prior, text, typical) for axis in "xy")
+
+
+_POINT = _along_xy("point", "m", 0.1, "point of the object from its centroid", 0.02)
 """Where a law acts, prior as of a pull in the catalogue."""
-_PLACE = tuple(EffectParameter(f"place_{a}", "m", 0.5, "place on the table", 0.1) for a in "xy")
+_PLACE = _along_xy("place", "m", 0.5, "place on the table", 0.1)
 """A place, prior half a metre: as far as a robot that pushes reaches."""
 _POWER = EffectParameter("power", "1", 5.0, "exponent", 1.0)
 """An exponent, prior 5: laws of nature have -4 to 3."""
@@ -101,6 +102,11 @@ class PushedLaw(PushEffect):
         return {p.name: float(value) + self.learnt.get(p.name, 0.0) for p, value in pairs}
 
 
+def _pair(numbers: Mapping[str, float], stem: str) -> Array:
+    """(2,) of the numbers along x and y."""
+    return np.array([numbers[f"{stem}_{axis}"] for axis in "xy"])
+
+
 class PlacePull(PushedLaw):
     """A pull toward a place of the table that grows or falls with distance."""
 
@@ -111,9 +117,9 @@ class PlacePull(PushedLaw):
     def wrench(self, motion: PlanarMotion, theta: Array) -> Array:
         """Toward the place, at the point."""
         n = self.numbers(theta)
-        point = np.array([n["point_x"], n["point_y"]])
+        point = _pair(n, "point")
         here = motion.place + turned(np.broadcast_to(point, motion.place.shape), motion.yaw)
-        gap = np.array([n["place_x"], n["place_y"]]) - here
+        gap = _pair(n, "place") - here
         distance = np.sqrt(np.sum(gap**2, axis=1) + n["extent"] ** 2 + _NEAREST**2)
         size = n["size"] * (distance / _DISTANCE) ** n["power"] / distance
         return at_point(size[:, None] * gap, point, motion.yaw)
@@ -173,7 +179,7 @@ class FrictionSpot(PushedLaw):
 
     def _spot(self, motion: PlanarMotion, theta: Array) -> tuple[Array, Array, float]:
         n = self.numbers(theta)
-        gap, width = np.array([n["place_x"], n["place_y"]]) - motion.place, abs(n["width"]) + 1e-3
+        gap, width = _pair(n, "place") - motion.place, abs(n["width"]) + 1e-3
         return n["size"] * np.exp(-0.5 * np.sum(gap**2, axis=1) / width**2), gap, width
 
 
@@ -184,8 +190,8 @@ class Swing(PushedLaw):
     formula = "(cosine cos + sine sin)(2 pi frequency t) at a point, axes of the object"
     parameters = (
         EffectParameter("frequency", "Hz", 30.0, "frequency", 1.0),
-        *(EffectParameter(f"cosine_{a}", "N", 3.0, "force with the cosine", 0.3) for a in "xy"),
-        *(EffectParameter(f"sine_{a}", "N", 3.0, "force with the sine", 0.3) for a in "xy"),
+        *_along_xy("cosine", "N", 3.0, "force with the cosine", 0.3),
+        *_along_xy("sine", "N", 3.0, "force with the sine", 0.3),
         *_POINT,
     )
 
@@ -194,9 +200,8 @@ class Swing(PushedLaw):
         n = self.numbers(theta)
         phase = 2.0 * np.pi * n["frequency"] * motion.time
         waves = np.stack([np.cos(phase), np.sin(phase)], axis=1)
-        sizes = np.array([[n[f"{part}_{a}"] for a in "xy"] for part in ("cosine", "sine")])
-        point = np.array([n["point_x"], n["point_y"]])
-        return at_point(turned(waves @ sizes, motion.yaw), point, motion.yaw)
+        sizes = np.stack([_pair(n, "cosine"), _pair(n, "sine")])
+        return at_point(turned(waves @ sizes, motion.yaw), _pair(n, "point"), motion.yaw)
 
 
 class Fade(PushedLaw):
@@ -206,7 +211,7 @@ class Fade(PushedLaw):
     formula = "push exp(-rate t) at a point, axes of the table"
     parameters = (
         EffectParameter("rate", "1/s", 3.0, "rate of decay", 0.3),
-        *(EffectParameter(f"push_{a}", "N", 3.0, "force at the start", 0.3) for a in "xy"),
+        *_along_xy("push", "N", 3.0, "force at the start", 0.3),
         *_POINT,
     )
 
@@ -214,8 +219,7 @@ class Fade(PushedLaw):
         """At the point."""
         n = self.numbers(theta)
         fading = np.exp(-n["rate"] * (motion.time - motion.time[0]))
-        force = fading[:, None] * np.array([n["push_x"], n["push_y"]])
-        return at_point(force, np.array([n["point_x"], n["point_y"]]), motion.yaw)
+        return at_point(fading[:, None] * _pair(n, "push"), _pair(n, "point"), motion.yaw)
 
 
 @dataclass(frozen=True)
@@ -340,20 +344,20 @@ def read_law(name: str, entry: Mapping[str, Any], where: str) -> type[PushedLaw]
     Raises:
         BadInputError: there is no such form, or a number is missing.
     """
-    form = {one.name: one for one in pushed_forms()}.get(str(entry.get("law_of_pushed")))
+    forms = {one.name: one for one in pushed_forms()}
+    form = forms.get(str(entry.get("law_of_pushed")))
     values, stds = entry.get("learnt"), entry.get("std")
     if form is None or not isinstance(values, Mapping) or not isinstance(stds, Mapping):
-        known = ", ".join(one.name for one in pushed_forms())
-        raise BadInputError(f"{where}: expected law_of_pushed ({known}), learnt and std")
+        raise BadInputError(f"{where}: expected law_of_pushed ({', '.join(forms)}), learnt and std")
     parameters, learnt = [], {}
     for p in form.kind.parameters:
         try:
             value, std = float(values[p.name]), float(stds[p.name])
         except (KeyError, TypeError, ValueError):
             raise BadInputError(f"{where}: {p.name}: expected a number in learnt and std") from None
-        prior = max(p.prior_std, _LEEWAY * abs(value))
+        prior = max(p.prior_std, leeway(abs(value)))
         if p.name not in form.linear:
-            learnt[p.name], prior = value, max(_LEEWAY * std, _LEAST_LEEWAY)
+            learnt[p.name], prior = value, leeway(std)
         parameters.append(EffectParameter(p.name, p.unit, prior, p.description, prior))
     form.require_name(name, where)
     body = {"name": name, "parameters": tuple(parameters), "learnt": learnt}

@@ -8,9 +8,8 @@ import numpy as np
 from scipy.stats import norm
 
 from tactile_dynamics_ros.core.array import Array
-from tactile_dynamics_ros.core.effects.parameter import EffectParameter
 from tactile_dynamics_ros.core.errors import BadInputError
-from tactile_dynamics_ros.core.numerics.regime import Gate, Regime
+from tactile_dynamics_ros.core.numerics.regime import Gate, Regime, gated
 from tactile_dynamics_ros.core.planar.effects.effect import PushEffect, WrappedEffect
 from tactile_dynamics_ros.core.planar.effects.situation import PlanarMotion
 
@@ -131,10 +130,4 @@ def gate_push_effect(effect: PushEffect, regime: Regime) -> PushEffect:
             raise BadInputError(
                 f"effect '{name}': '{gate.symbol}' is unknown of pushes; there are x, y, v and t"
             )
-    body: dict[str, Any] = {one: getattr(type(effect), one) for one in _COPIED}
-    parameters: tuple[EffectParameter, ...] = effect.parameters
-    body |= {"name": name, "parameters": parameters}
-    kind = type("GatedPushEffect", (GatedPushEffect,), body)
-    gated = kind(effect, regime)
-    assert isinstance(gated, GatedPushEffect)
-    return gated
+    return gated(GatedPushEffect, effect, regime, _COPIED, parameters=effect.parameters)
