@@ -37,6 +37,7 @@ from tactile_dynamics_ros.synthetic.joints import JointOptions, Payload, generat
 
 URDF = load_robot("allegro_iiwa").urdf
 TOUCHED, TORQUE = 1, 8.0
+EVERY_BLOCK = 200.0  # Hz: recordings are sent faster than they were measured, and each block counts
 
 
 @pytest.fixture(scope="module")
@@ -72,8 +73,9 @@ def play(bench, streams, since, names=None):
 
 
 def start(bench, files):
+    given = {"model": files / "arm.json", "urdf": files / "arm.urdf", "rate_hz": EVERY_BLOCK}
     node = bench.start(
-        JointMonitorNode, "-p", f"model:={files / 'arm.json'}", "-p", f"urdf:={files / 'arm.urdf'}"
+        JointMonitorNode, *(w for k, v in given.items() for w in ("-p", f"{k}:={v}"))
     )
     bench.follow(JointState, f"/{MONITOR_EXTERNAL}")
     bench.follow(WrenchStamped, f"/{MONITOR_WRENCH}")
@@ -150,6 +152,7 @@ def test_a_push_on_a_load_shows_without_its_weight_and_without_a_wrist_sensor(be
             "model": tmp_path / "arm.json",
             "urdf": tmp_path / "arm.urdf",
             "contact": "flange",
+            "rate_hz": EVERY_BLOCK,
         },
         "wrench_compensator": {
             "contacts": "[flange]",
